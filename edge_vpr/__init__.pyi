@@ -31,9 +31,9 @@ from .matching.distances import ReferenceIndex as ReferenceIndex
 from .matching.distances import distance_matrix as distance_matrix
 from .matching.drive import match_descriptors as match_descriptors
 from .matching.matches import Matches as Matches
-from .online.localiser import MATCH_DTYPE as MATCH_DTYPE
 from .online.localiser import Localiser as Localiser
-from .online.localiser import MatchSchedule as MatchSchedule
+from .online.runs import MATCH_DTYPE as MATCH_DTYPE
+from .online.schedule import MatchSchedule as MatchSchedule
 from .recordings import Recording as Recording
 from .recordings import open_recording as open_recording
 from .recordings import write_recording as write_recording

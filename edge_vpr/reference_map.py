@@ -48,7 +48,8 @@ from edge_vpr.learning import MapUpdate, learn_drive
 from edge_vpr.map_record import KIND, MapRecord, check_matchable, describe_query, map_traverse
 from edge_vpr.matching.drive import match_query
 from edge_vpr.matching.matches import Matches, write_csv
-from edge_vpr.online.localiser import Localiser, MatchSchedule, OdometryFeed
+from edge_vpr.online.localiser import Localiser, OdometryFeed
+from edge_vpr.online.schedule import MatchSchedule
 from edge_vpr.recordings import Faults, Recording, open_recording
 from edge_vpr.recordings.memory import FORMAT as MEMORY
 from edge_vpr.recordings.memory import is_event_data

@@ -17,7 +17,8 @@ from edge_vpr.events import EVENT_DTYPE, Events, Sensor, make_events
 from edge_vpr.map_record import MapRecord, describe_query, map_traverse
 from edge_vpr.matching.drive import match_query
 from edge_vpr.online.kernels import CHUNK_EVENTS
-from edge_vpr.online.localiser import Localiser, MatchSchedule
+from edge_vpr.online.localiser import Localiser
+from edge_vpr.online.schedule import MatchSchedule
 from edge_vpr.route import Odometry
 from edge_vpr.settings import Settings
 

@@ -6,6 +6,7 @@ import numpy as np
 
 from edge_vpr.descriptors.windows import Descriptors, narrow
 from edge_vpr.events import Events, Sensor, make_events
+from edge_vpr.live.protocols import Health
 from edge_vpr.recordings import Recording, open_recording
 
 
@@ -73,3 +74,11 @@ class Drive:
 
     def __iter__(self):
         return iter(self._chunks)
+
+
+def balanced(health: Health) -> bool:
+    """Whether both sums of the health of a stream hold."""
+    return (
+        health.bytes == health.decoded_bytes + health.skipped_bytes + health.pending_bytes
+        and health.decoded == health.events + health.rejected + health.held
+    )

@@ -223,49 +223,8 @@ class SerialLink(DescriptorLink):
             self._port.close()
 
 
-class UrlLink(Link):
-    """Link over an address of pyserial that is no device file, such as ``rfc2217://``."""
-
-    def __init__(self, address: str, port: Any) -> None:
-        super().__init__(address)
-        port.timeout = 0
-        self._port = port
-
-    def read(self, timeout: float) -> bytes:
-        """See `Link.read`."""
-        import serial
-
-        end = time.monotonic() + timeout
-        while True:
-            try:
-                data: bytes = self._port.read(READ_BYTES)
-            except (serial.SerialException, OSError, TypeError) as error:
-                # pyserial raises TypeError for a port that another thread has closed
-                raise LinkClosed(f"{self.address} was lost: {error}") from error
-            left = end - time.monotonic()
-            if data or left <= 0:
-                return data
-            time.sleep(min(0.001, left))
-
-    def write(self, data: bytes, timeout: float) -> int:
-        """See `Link.write`."""
-        import serial
-
-        try:
-            return int(self._port.write(data) or 0)
-        except serial.SerialTimeoutException:
-            return 0
-        except (serial.SerialException, OSError, TypeError) as error:
-            raise LinkClosed(f"{self.address} was lost: {error}") from error
-
-    def close(self) -> None:
-        """See `Link.close`."""
-        with contextlib.suppress(Exception):
-            self._port.close()
-
-
 def open_serial(address: str, baud: int, *, flow_control: bool) -> Link:
-    """Open a serial port, or any other address that pyserial's ``serial_for_url`` accepts."""
+    """Open a serial port by its name, or by another address of pyserial, such as ``hwgrep://``."""
     import serial
 
     try:
@@ -285,8 +244,12 @@ def open_serial(address: str, baud: int, *, flow_control: bool) -> Link:
         port.set_low_latency_mode(True)
     try:
         port.fileno()
-    except (AttributeError, io.UnsupportedOperation, OSError):
-        return UrlLink(address, port)
+    except (AttributeError, io.UnsupportedOperation, OSError) as error:
+        port.close()
+        raise LinkError(
+            f"{address} is no port of this machine: serve it by TCP there, for example by ser2net, "
+            "and take tcp://HOST:PORT"
+        ) from error
     return SerialLink(address, port)
 
 
@@ -545,8 +508,6 @@ def link_opener(link: Any, baud: int, flow_control: bool) -> tuple[Callable[[], 
         kind = os.fstat(descriptor).st_mode
         live = stat.S_ISCHR(kind) or stat.S_ISSOCK(kind)
         return lambda: DescriptorLink(name, os.dup(descriptor), live=live), False
-    if hasattr(link, "read") and hasattr(link, "timeout"):
-        return lambda: UrlLink(name, link), False
     raise UsageError(
         f"link {link!r}: expected a port such as '/dev/ttyACM0', tcp://HOST:PORT, a file, or an "
         "open file, socket or serial port"

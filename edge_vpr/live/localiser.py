@@ -15,7 +15,9 @@ from edge_vpr.events import NO_EVENTS, Events, Sensor, join_events
 from edge_vpr.live.losses import LossWatch
 from edge_vpr.live.position import PathPosition
 from edge_vpr.live.protocols import Decoder
-from edge_vpr.online.localiser import NO_MATCHES, Localiser, MatchRows, MatchSchedule, join_matches
+from edge_vpr.online.localiser import Localiser
+from edge_vpr.online.runs import NO_MATCHES, MatchRows, join_matches
+from edge_vpr.online.schedule import MatchSchedule
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.route import OdometerCheck
 from edge_vpr.warm_up import WarmUpStep, localising_steps, warm_up
@@ -112,7 +114,7 @@ class LiveLocaliser:
         return 0.0 if self._localiser is None else self._localiser.filled
 
     def feed(
-        self, data: bytes, host_us: int, *, lost: int = 0, reopened: bool = False
+        self, data: bytes, host_us: int, *, dropped: int = 0, reopened: bool = False
     ) -> LiveResult:
         """Decode and match the next bytes.
 
@@ -120,14 +122,14 @@ class LiveLocaliser:
         ----------
         host_us : int
             When they came.
-        lost : int
+        dropped : int
             Bytes that the host dropped before them.
         reopened : bool
-            Whether the link was lost before them.
+            Whether the link was disconnected before them.
         """
         decoder, early = self.decoder, NO_EVENTS
-        if lost or reopened:
-            early = decoder.gap(lost)
+        if dropped or reopened:
+            early = decoder.gap(dropped)
         if reopened:
             decoder.health.reopened += 1
             self._unseen_us = max(host_us - self._heard_us, 1)
@@ -141,7 +143,7 @@ class LiveLocaliser:
             if self._unseen_us and (events.size or begin_us > self._seen_us):
                 self._go_unseen(self._localiser, early, begin_us)
                 matched = early.size
-            elif lost and events.size:
+            elif dropped and events.size:
                 # no matches of time in which nothing was seen
                 self._localiser.skip_ticks(begin_us)
         return self._match(join_events([early, events]), matched)
@@ -186,7 +188,7 @@ class LiveLocaliser:
         arrays = {name: array.copy() for name, array in run.to_arrays().items() if name != "places"}
         values = {
             "now_us": run.now_us, "floor_us": run.floor_us, "time_us": self._time,
-            "clock": self.decoder.clock_values(), "position": self._position.to_values(),
+            "clock": self.decoder.timestamps.to_values(), "position": self._position.to_values(),
         }  # fmt: skip
         return arrays, values
 
@@ -201,7 +203,7 @@ class LiveLocaliser:
         self._localiser, self._time = localiser, values["time_us"]
         self.odometer_check = localiser.odometer_check or self.odometer_check
         self._position.resume(values["position"])
-        self.decoder.resume_clock(values["clock"], passed_us)
+        self.decoder.timestamps.resume(values["clock"], passed_us)
         # what was missed is of unknown size
         self.decoder.health.reopened += 1
         self._unseen_us, self._seen_us = passed_us, self._time

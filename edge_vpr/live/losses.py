@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from bisect import bisect_right
 
-from edge_vpr.live.protocols import EXACT, Health
+from edge_vpr.live.protocols.health import EXACT, Health
 
 #: Interval at which losses are remembered, and for how many intervals.
 LOSS_STEP_US, MOST_LOSS_STEPS = 10_000, 16_384

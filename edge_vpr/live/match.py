@@ -45,8 +45,8 @@ class LiveMatch(NamedTuple):
     probability : float
         Probability that the match is correct; NaN if the map has no table of probabilities.
     lost : bool
-        Whether the match is below the precision that the settings ask for, or older than the
-        session's `max_age`.
+        Whether the match is rejected: below the precision that the settings ask for, or older than
+        the session's `max_age`.
     missing : float
         Share of the events of its windows that is known to be lost, 0 to 1; 1 also after a gap of
         unknown size.

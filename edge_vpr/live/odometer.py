@@ -78,7 +78,7 @@ class OdometerReader:
     say : callable
         Takes the kind and the text of a message, and `over`.
     retry : bool
-        Open the line again when it is lost.
+        Open the line again when it is disconnected.
 
     Raises
     ------
@@ -102,7 +102,7 @@ class OdometerReader:
         self._look_s = now + _LOOK_S
         line = self._line
         while (chunk := self._reader.take(0)) is not None:
-            after_loss = bool(chunk.lost) or chunk.reopened
+            after_loss = bool(chunk.dropped) or chunk.reopened
             if line.feed(chunk.data, after_loss=after_loss):
                 self._heard_s = now
         self._report(now)

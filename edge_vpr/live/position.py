@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -107,23 +107,6 @@ class PathPosition:
         return (last - first) * window_us / (last_us - first_us)
 
 
-class Located(NamedTuple):
-    """Position on the route; None where the map does not know it."""
-
-    x_m: float | None = None
-    y_m: float | None = None
-    z_m: float | None = None
-    latitude: float | None = None
-    longitude: float | None = None
-    heading_deg: float | None = None
-    along_m: float | None = None
-    along_from_m: float | None = None
-    along_to_m: float | None = None
-
-
-_NOWHERE = Located()
-
-
 class Locator:
     """Positions along the route of a map, between its places too.
 
@@ -152,7 +135,7 @@ class Locator:
         elif along_mm is not None:
             along = along_mm / 1e3
         self._along = self._filled = self._heading = None
-        self._columns: list[list[float]] = []
+        self._columns: dict[str, list[float]] = {}
         self._wraps = route is not None and route.kind == "geographic"
         # windows of the map reach half a window beyond the middles of its places
         self._beyond = reference.settings.window_parts / 2
@@ -167,38 +150,40 @@ class Locator:
             columns = route.position.T.copy()
             if self._wraps:  # so that no step between two places goes round the earth
                 columns[1, known] = np.unwrap(columns[1, known], period=360)
-            self._columns = columns.tolist()
+            self._columns = dict(zip(self.names, columns.tolist(), strict=True))
             self._heading = headings(along, columns, geographic=self._wraps)
 
-    def locate(self, at: float) -> Located:
+    def locate(self, at: float) -> dict[str, float | None]:
         """Return the position at a number of a place, which may be a fraction.
 
         Parameters
         ----------
         at : float
             See `PathPosition.update`.
+
+        Returns
+        -------
+        dict of str to (float or None)
+            Fields of `LiveMatch` that this map can fill; None where it does not know them.
         """
         if self._along is None or self._filled is None:
-            return _NOWHERE
+            return {}
         last = len(self._along) - 1
         lowest, highest = -self._beyond, last + self._beyond
         at = min(max(at, lowest), highest)
-        from_at, to_at = max(at - self._within, lowest), min(at + self._within, highest)
-        from_m = to_m = None
-        if from_at <= self._last + self._beyond and to_at >= self._first - self._beyond:
-            from_m, to_m = (_between(self._filled, end) for end in (from_at, to_at))
         along_m = _between(self._along, at)
-        coordinates: list[float | None] = [_between(column, at) for column in self._columns]
-        if not self._wraps:
-            coordinates += [None] * (5 - len(coordinates))
-        elif coordinates[1] is not None:
-            coordinates[1] = (coordinates[1] + 180) % 360 - 180
-        heading = None
+        found = {name: _between(column, at) for name, column in self._columns.items()}
+        if self._wraps and (longitude := found["longitude"]) is not None:
+            found["longitude"] = (longitude + 180) % 360 - 180
+        found["heading_deg"] = found["along_from_m"] = found["along_to_m"] = None
         if self._heading is not None and along_m is not None:
-            heading = self._heading[min(max(round(at), 0), last)]
-        if self._wraps:
-            coordinates = [None, None, None, *coordinates]
-        return Located._make((*coordinates, heading, along_m, from_m, to_m))
+            found["heading_deg"] = self._heading[min(max(round(at), 0), last)]
+        found["along_m"], found["route_m"] = along_m, self.route_m
+        from_at, to_at = max(at - self._within, lowest), min(at + self._within, highest)
+        if from_at <= self._last + self._beyond and to_at >= self._first - self._beyond:
+            found["along_from_m"] = _between(self._filled, from_at)
+            found["along_to_m"] = _between(self._filled, to_at)
+        return found
 
 
 def _between(values: list[float], at: float) -> float | None:

@@ -1,4 +1,4 @@
-"""Reading of a link, with a bounded buffer for a late caller; a lost link is opened again."""
+"""Reading of a link: a bounded buffer for a late caller, and opening again."""
 
 from __future__ import annotations
 
@@ -35,8 +35,8 @@ class Chunk(NamedTuple):
 
     data: bytes
     at_s: float  #: When, on the host's monotonic clock.
-    lost: int = 0  #: Bytes dropped right before these, because the reader was late.
-    reopened: bool = False  #: Whether the link was lost and opened again before these.
+    dropped: int = 0  #: Bytes dropped right before these, because the caller was late.
+    reopened: bool = False  #: Whether the link was disconnected and opened again before these.
 
 
 class LinkReader:
@@ -51,8 +51,8 @@ class LinkReader:
     setup, teardown : bytes
         What to send when it opens and before it closes.
     retry : bool
-        Open a live link again when it is lost, and wait for one that is absent at first; else, and
-        for files and pipes, that is the end.
+        Open a live link again when it is disconnected, and wait for one that is absent at first;
+        else, and for files and pipes, that is the end.
     drop : bool or None
         When the buffer is full or its oldest bytes have waited for `max_lag_s`, drop all of it, so
         that no bytes are missing within what follows; else let the link wait. None: drop if live.
@@ -68,7 +68,7 @@ class LinkReader:
     line_errors : int
         Characters that the system says the line damaged or dropped.
     lost_link : str
-        Why the link is closed right now, until it is open again; else empty.
+        Why the link is disconnected right now; empty while it is open.
     """
 
     def __init__(
@@ -103,7 +103,7 @@ class LinkReader:
         self._reopened = False  # whether the link was reopened before the next bytes
         self._wake = threading.Event()  # set to end a pause of the thread
         self._errors_before = 0  # line errors of the links before this one
-        self._lost_s = math.inf  # time at which the link was lost, while it is
+        self._dead_since_s = math.inf  # when the link was disconnected, while it is
         self._dead_s = 0.0
         try:
             self._link = open_link()  # an error of the first opening is raised to the caller
@@ -111,7 +111,7 @@ class LinkReader:
             if not retry:
                 raise
             self._link = AbsentLink(address, str(error))
-            self.lost_link, self._lost_s = str(error), time.monotonic()
+            self.lost_link, self._dead_since_s = str(error), time.monotonic()
         self.address = self._link.address
         self._thread = threading.Thread(target=self._run, name="edge-vpr reader", daemon=True)
         self._thread.start()
@@ -159,8 +159,8 @@ class LinkReader:
                 return None
             first = self._chunks.popleft()
             parts = [first.data]
-            # a loss is reported before the bytes that follow it
-            while self._chunks and not (self._chunks[0].lost or self._chunks[0].reopened):
+            # a gap is reported before the bytes that follow it
+            while self._chunks and not (self._chunks[0].dropped or self._chunks[0].reopened):
                 parts.append(self._chunks.popleft().data)
             data = b"".join(parts)
             self._held -= len(data)
@@ -168,7 +168,7 @@ class LinkReader:
             return first._replace(data=data)
 
     def send(self, data: bytes, timeout: float = 1.0) -> None:
-        """Send to the device from any thread, if the link is open; other bytes are lost.
+        """Send to the device from any thread, if the link is open; else they are dropped.
 
         Parameters
         ----------
@@ -181,9 +181,9 @@ class LinkReader:
 
     @property
     def dead_s(self) -> float:
-        """Seconds for which the link was lost, in all so far."""
-        lost_s = self._lost_s
-        return self._dead_s + max(0.0, time.monotonic() - lost_s)
+        """Seconds for which the link was disconnected, in all so far."""
+        since_s = self._dead_since_s
+        return self._dead_s + max(0.0, time.monotonic() - since_s)
 
     @property
     def remark(self) -> str:
@@ -223,20 +223,20 @@ class LinkReader:
                         self.error = None if isinstance(error, LinkClosed) else error
                         return
                     self.lost_link = str(error)
-                    self._lost_s = min(self._lost_s, time.monotonic())
+                    self._dead_since_s = min(self._dead_since_s, time.monotonic())
                 again = self._reopen()
                 if again is None:
                     return
                 with self._send_lock:
                     self._link = again
                 self._reopened = not isinstance(link, AbsentLink)
-                self._dead_s, self._lost_s = self.dead_s, math.inf
+                self._dead_s, self._dead_since_s = self.dead_s, math.inf
                 link, self.lost_link = again, ""
         except Exception as error:
             # an error in the thread would go unnoticed: pass it to the caller
             self.error = error
         finally:
-            self._dead_s, self._lost_s = self.dead_s, math.inf
+            self._dead_s, self._dead_since_s = self.dead_s, math.inf
             with self._read_lock:  # the caller is not reading the closed link
                 self._caller_reads = False
             with contextlib.suppress(LinkError):
@@ -291,7 +291,7 @@ class LinkReader:
                 full = self._held + len(piece.data) > self._most
                 if full or piece.at_s - oldest.at_s > self._max_lag_s:
                     piece = piece._replace(
-                        lost=self._held + sum(each.lost for each in self._chunks),
+                        dropped=self._held + sum(each.dropped for each in self._chunks),
                         reopened=piece.reopened or any(each.reopened for each in self._chunks),
                     )
                     self._chunks.clear()

@@ -30,7 +30,7 @@ from edge_vpr.live.reader import LinkReader
 from edge_vpr.live.recorder import Recorder, check_recorded
 from edge_vpr.live.state import StateFile, check_state_file, state_steps
 from edge_vpr.live.watches import SILENT_S, LagWatch, LineWatch, MisfitWatch
-from edge_vpr.online.localiser import MatchSchedule
+from edge_vpr.online.schedule import MatchSchedule
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.results import check_new_file, check_new_map
 from edge_vpr.settings import MatchingChanges, Settings, duration_us, resolve_settings
@@ -50,10 +50,10 @@ class Message(NamedTuple):
     Attributes
     ----------
     kind : str
-        ``link`` (lost or opened), ``state`` (gone on from or not), ``stalled`` (silence), ``lag``
-        (the host is too slow), ``misfit`` (another place or light), ``device`` and ``sender``
-        (remarks on the camera and on a second one), ``senseless`` (bytes that do not decode),
-        ``odometer``, ``compiling``, ``file`` (given up), or ``drive`` (kept).
+        ``link`` (disconnected or opened), ``state`` (gone on from or not), ``stalled`` (silence),
+        ``lag`` (the host is too slow), ``misfit`` (another place or light), ``device`` and
+        ``sender`` (remarks on the camera and on a second one), ``senseless`` (bytes that do not
+        decode), ``odometer``, ``compiling``, ``file`` (given up), or ``drive`` (kept).
     text : str
         One sentence, which may quote a device or the system: pass it through `errors.printable`
         before it reaches a terminal.
@@ -83,8 +83,8 @@ class LiveStatus(NamedTuple):
     health: Health
     #: Share of the first match's windows that has passed; there are matches from 1 on.
     filled: float = 0.0
-    lost_link: str = ""  #: Why the link is closed; empty while it is open.
-    dead_s: float = 0.0  #: Seconds for which the link was lost, in all so far.
+    lost_link: str = ""  #: Why the link is disconnected; empty while it is open.
+    dead_s: float = 0.0  #: Seconds for which the link was disconnected, in all so far.
 
 
 class LiveSession:
@@ -107,7 +107,7 @@ class LiveSession:
     (True, 'no faults')
 
     The session owns the link, the decoder and its requests to the camera, the localiser, the clock,
-    the counts of what was lost, reconnection, recordings and the robot's odometer. All kernels are
+    the counts of losses, reconnection, recordings and the robot's odometer. All kernels are
     compiled before the link is opened, so that a camera never waits for a compiler.
 
     Parameters
@@ -115,7 +115,7 @@ class LiveSession:
     link : str, Path or object
         A serial port, ``tcp://HOST:PORT``, ``udp://:PORT``, ``-`` or a file of bytes, see
         `open_link`; or what is open already: a `Link`, a socket, a file, a descriptor, a port of
-        pyserial. Open objects cannot be opened again when they are lost.
+        pyserial. Open objects cannot be opened again.
     protocol : str
         Of the camera: ``evpr``, ``edvs``, ``evt3``, ``openmv``, ..., with options after a colon.
     reference : ReferenceMap or path, optional
@@ -130,7 +130,7 @@ class LiveSession:
     flow_control : bool
         Use the RTS and CTS wires.
     reconnect : bool
-        Open a live link again when it is lost; else its end is the session's.
+        Open a live link again when it is disconnected; else its end is the session's.
     heartbeat : str, optional
         Yield a heartbeat (see `LiveMatch`) whenever no match came for this time, such as ``500ms``;
         longer than a window if matches come at its end.
@@ -161,12 +161,13 @@ class LiveSession:
     max_lag : str
         Bytes that have waited longer than this for a host that is too slow are dropped.
     max_age : str, optional
-        A match that is older than this when it is given is `lost`; by default two windows.
+        A match that is older than this when it is given is rejected (`lost`); by default two
+        windows.
     on_message : callable, optional
         Called with each `Message`; by default problems go to the logger ``edge_vpr.live``.
     **changes
         Single settings of matching that replace those of `reference`, such as ``precision=0.99``,
-        by which other matches are marked `lost`, or ``delay=4``.
+        below which matches are rejected (`lost`), or ``delay=4``.
 
     Raises
     ------
@@ -179,8 +180,6 @@ class LiveSession:
         Whether the link has ended for good, or `stop` was called, and all matches were given.
     stopping : threading.Event
         Ends the session when it is set, as `stop` does.
-    unwritten : str
-        Which recording was given up and why, if one was.
     learnt : ReferenceMap or None
         The map that was written, after `close`.
     update : MapUpdate or None
@@ -233,9 +232,9 @@ class LiveSession:
         self.decoder = open_decoder(protocol, self.sensor)
         if not isinstance(every, MatchSchedule | None):
             expect(every, str, "every", _SUCH_AS)
-        self.locator, self._every = None, None
+        self._locator, self._every = None, None
         if self.reference is not None:
-            self.locator = Locator(self.reference)
+            self._locator = Locator(self.reference)
             self._every = MatchSchedule.parse(every, self.reference.settings)
         self._settings = settings if isinstance(settings, Settings) else resolve_settings(settings)
         self._causal = burst_filter == "causal"
@@ -255,7 +254,7 @@ class LiveSession:
         self._check_files(source, map_file)
         self.on_message = on_message
         self.stopping = threading.Event()
-        self.ended, self.unwritten = False, ""
+        self.ended = False
         self.learnt: ReferenceMap | None = None
         self.update: MapUpdate[ReferenceMap] | None = None
         self.removed = Removed()
@@ -486,7 +485,7 @@ class LiveSession:
 
     @property
     def health(self) -> Health:
-        """Counts of what was received and lost so far."""
+        """Counts of what was received, dropped and lost so far."""
         health = self.decoder.health
         if self._opened and not self.ended:
             health.silent_s = self._line.silent_s
@@ -507,6 +506,11 @@ class LiveSession:
         return self._live.bursts_removed if self._warm else 0
 
     @property
+    def unwritten(self) -> str:
+        """Which recording was given up and why, if one was; else empty."""
+        return self._recorder.unwritten if self._opened else ""
+
+    @property
     def address(self) -> str:
         """Address of the link; once it is open, with the port that the system chose."""
         return self._reader.address if self._opened else self._address
@@ -522,12 +526,15 @@ class LiveSession:
         now = time.monotonic()
         if chunk is None:
             return LiveStep(None, now, self._new_readings())
+        self._line.heard(chunk.at_s)
         self._recorder.write_bytes(chunk.data)  # first, so that errors can be reproduced
         self._heard_us = int(1e6 * (time.time() - (now - chunk.at_s)))
         if self._state_file is not None:
             self._state_file.resume(self._live, self._heard_us, live_line=reader.live)
         since_us = int((chunk.at_s - self._begin_s) * 1e6)
-        result = self._live.feed(chunk.data, since_us, lost=chunk.lost, reopened=chunk.reopened)
+        result = self._live.feed(
+            chunk.data, since_us, dropped=chunk.dropped, reopened=chunk.reopened
+        )
         # before the match is used: a program that fails then has a whole file
         self._recorder.write_events(result.events)
         self._lag.look(result.events, self.decoder.reached_us, time.monotonic())
@@ -536,13 +543,13 @@ class LiveSession:
         return LiveStep(result, chunk.at_s, self._new_readings(), found)
 
     def _oldest_s(self, window_s: float) -> float:
-        """Return the age beyond which a match is lost: by default two windows after it is due."""
+        """Return the age beyond which a match is rejected: by default two windows and its delay."""
         delay = 0 if self.reference is None else self.reference.settings.match_delay
         return self._max_age_s or (2 + delay) * window_s
 
     def _matches(self, result: LiveResult, host_us: int) -> tuple[LiveMatch, ...]:
         """Return the matches of a piece of bytes that came at `host_us`."""
-        reference, locator = self.reference, self.locator
+        reference, locator = self.reference, self._locator
         if not result.matches.size or reference is None or locator is None:
             return ()
         self._beat_s = time.monotonic()
@@ -560,8 +567,7 @@ class LiveSession:
                 LiveMatch(
                     time_us / 1e6, self._given, place, distance, second, after, ratio, events,
                     start_us / 1e6, trust, misfit, probability, lost, missing, age_s,
-                    then_us, jumps,
-                    *locator.locate(at), locator.route_m,
+                    then_us, jumps, **locator.locate(at),
                 )
             )  # fmt: skip
             self._given, self._jumps = self._given + 1, jumps
@@ -571,10 +577,8 @@ class LiveSession:
         """Do what remains after a step: odometer, requests to the camera, and messages."""
         reader, decoder = self._reader, self.decoder
         decoder.health.line_errors = reader.line_errors
-        if step.result is not None:
-            self._line.heard(step.at_s)
-            if self._state_file is not None:
-                self._state_file.keep(self._live, self._heard_us)
+        if step.result is not None and self._state_file is not None:
+            self._state_file.keep(self._live, self._heard_us)
         if self._odometer is not None and (shown_mm := self._odometer.look()) is not None:
             self._read_odometer(shown_mm)
         self._line.look(nothing_came=step.result is None)
@@ -609,7 +613,6 @@ class LiveSession:
             self._state_file.close(self._live, self._heard_us)
         self._stack.close()
         self.decoder.health.line_errors = self._reader.line_errors
-        self.unwritten = self._recorder.unwritten
         matches = self._matches(result, int(1e6 * time.time()))
         return LiveStep(result, now, self._new_readings(), matches)
 

@@ -3,7 +3,7 @@
 `StateFile` reads it when a session begins, and keeps it until the session ends. A state is what
 matching has learnt of the drive: the events of the newest windows, the place filter, the running
 mean, the position, and the camera's clock. It belongs to one map with its settings. To go on from
-it is like a link that was lost and opened again.
+it is like a link that was disconnected and opened again.
 """
 
 from __future__ import annotations
@@ -20,7 +20,8 @@ from edge_vpr.archive import Arrays, archive_errors, read_archive, write_archive
 from edge_vpr.errors import EdgeVprError, UsageError, printable
 from edge_vpr.live.localiser import LiveLocaliser
 from edge_vpr.map_record import MapRecord
-from edge_vpr.online.localiser import Localiser, MatchSchedule
+from edge_vpr.online.localiser import Localiser
+from edge_vpr.online.schedule import MatchSchedule
 from edge_vpr.warm_up import WarmUpStep
 
 KIND = "live state"
@@ -120,7 +121,7 @@ class StateFile:
     def resume(self, live: LiveLocaliser, host_us: int, *, live_line: bool) -> None:
         """Go on from the state of the file when the first bytes come, or say why not."""
         saved, self._saved = self._saved, None
-        limit_us = live.decoder.longest_silence_us
+        limit_us = live.decoder.timestamps.longest_silence_us
         if isinstance(saved, Resumable):
             passed_us = host_us - saved.values["host_us"]
             if not live_line:

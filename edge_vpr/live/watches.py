@@ -26,7 +26,7 @@ _LAG_S = 300.0
 
 
 class LineWatch:
-    """Greets a silent device, and reports once when a line is silent, lost or undecodable.
+    """Greets a silent device, and reports once when a line is silent, disconnected or undecodable.
 
     Parameters
     ----------
@@ -82,7 +82,8 @@ class LineWatch:
             reader.send(self._decoder.greeting(), timeout=0.0)
         if not (self._silent or self._closed or reader.ended) and (now - self._heard_s > SILENT_S):
             self._silent = True
-            self._decoder.health.stalls += 1
+            # a device that has not begun does not stall
+            self._decoder.health.stalls += self._decoder.health.bytes > 0
             self._say("stalled", f"no bytes for {SILENT_S:g} s from {reader.address}")
 
 

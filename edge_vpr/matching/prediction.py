@@ -93,8 +93,8 @@ class FilterTable(NamedTuple):
     ----------
     costs : ndarray of int32, shape (rows, steps)
         See `TransitionCosts.rows`.
-    restart : int
-        Cost of a restart, with fraction bits.
+    restart_cost : int
+        Cost of a restart, with fraction bits; `TransitionCosts.restart` is in whole units.
     jumps : ndarray of int32, shape (n, 2)
         Pairs of places, from and to, that follow each other without a step.
     activity : ndarray of int32, shape (K,)
@@ -106,7 +106,7 @@ class FilterTable(NamedTuple):
     """
 
     costs: Metrics
-    restart: int
+    restart_cost: int
     jumps: npt.NDArray[np.int32]
     activity: npt.NDArray[np.int32]
     typical: npt.NDArray[np.int64]
@@ -167,14 +167,14 @@ def move(metric: Narrow, table: FilterTable, costs: Narrow, back: bool, out: Nar
     back : bool
         Whether `metric` belongs to the later window, and the costs in the earlier one are computed.
     out : ndarray of int16, shape (K,)
-        ``min(min_i (M[k - i] + cost[i]), min M + restart) - min M``. Over a jump from a to b, place
-        k = b + o is i places from a - (i - 1 - o). The costs are those of the place reached.
+        ``min(min_i (M[k - i] + cost[i]), min M + restart_cost) - min M``. Over a jump from a to b,
+        place k = b + o is i places from a - (i - 1 - o). The costs are those of the place reached.
     """
     places = metric.size
     least = metric[0]
     for k in range(places):
         least = min(least, metric[k])
-    restarted = np.int16(least + table.restart)
+    restarted = np.int16(least + table.restart_cost)
     for k in range(places):
         out[k] = restarted
     for i in range(costs.shape[0]):
@@ -233,7 +233,7 @@ def predict_by_distance(
     along: npt.NDArray[np.int64],
     travelled: int,
     rate_and_spacing: tuple[int, int],
-    restart: int,
+    restart_cost: int,
     jumps: npt.NDArray[np.int32],
 ) -> Metrics:
     """Return the cheapest cost of each place after a known driven distance.
@@ -254,12 +254,12 @@ def predict_by_distance(
     Returns
     -------
     ndarray of int32, shape (K,)
-        ``min(min_j (M[j] + |along[k] - along[j] - travelled| * rate), min M + restart) - min M``,
-        rounded down. A jump has the length of one mean spacing.
+        ``min(min_j (M[j] + |along[k] - along[j] - travelled| * rate), min M + restart_cost)``, less
+        ``min M``, rounded down. A jump has the length of one mean spacing.
     """
     rate, spacing = rate_and_spacing
     least, places = np.int64(metric.min()), metric.size
-    prediction = np.full(places, np.int64(restart) << RATE_BITS, dtype=np.int64)
+    prediction = np.full(places, np.int64(restart_cost) << RATE_BITS, dtype=np.int64)
     # rounding down is monotone: the lowest exact cost, rounded, is the lowest rounded cost
     best, j = np.int64(1) << 62, 0
     for k in range(places):  # sources from which the distance reaches k or a place before it
@@ -376,7 +376,7 @@ class Transitions:
             jumps = self.places - 1 - jumps[:, ::-1]
         found = predict_by_distance(
             metric, along, _limited(travelled_mm), (self._rate, self.spacing_mm),
-            self.table.restart, jumps,
+            self.table.restart_cost, jumps,
         )  # fmt: skip
         return np.ascontiguousarray(found[::-1]) if back else found
 
@@ -395,13 +395,13 @@ class Transitions:
         """Return which places are reachable over a distance without a restart, shape (K,)."""
         along, travelled = self._checked_along(), _limited(travelled_mm)
         off = np.abs(along - along[place] - travelled)
-        follows = (off * self._rate) >> RATE_BITS < self.table.restart
+        follows = (off * self._rate) >> RATE_BITS < self.table.restart_cost
         before = self.jumps[:, 0] - place
         for begin, end in self.jumps[(before >= 0) & (before < JUMP_REACH)].tolist():
             beyond = slice(end, end + JUMP_REACH)
             length = along[begin] - along[place] + self.spacing_mm + along[beyond] - along[end]
             cost = (np.abs(length - travelled) * self._rate) >> RATE_BITS
-            follows[beyond] |= cost < self.table.restart
+            follows[beyond] |= cost < self.table.restart_cost
         return np.asarray(follows)
 
     def reaches(self, place: int, next_place: int, travelled_mm: int | None) -> bool:

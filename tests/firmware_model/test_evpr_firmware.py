@@ -15,11 +15,13 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from streams import balanced
 from test_stream_protocols import plain_evpr
 
 from edge_vpr.events import Sensor, make_events
-from edge_vpr.live.protocols import VOUCHED_SILENCE_US, open_decoder
+from edge_vpr.live.protocols import open_decoder
 from edge_vpr.live.protocols.evpr import HEADER, EvprEncoder
+from edge_vpr.live.protocols.timestamps import VOUCHED_SILENCE_US
 from firmware_model.emulation.build import EMULATED, HOST, SOURCES, WARNINGS, build
 from firmware_model.emulation.emulator import Emulator
 from firmware_model.emulation.evpr_instructions import TABLE, measure
@@ -234,7 +236,7 @@ def check(setup, script, run):
         assert np.array_equal(arrived[["x", "y", "p"]], events[["x", "y", "p"]])
     assert (health.lost, health.sequence_gaps, health.crc_errors, health.skipped_bytes) == (0,) * 4
     assert health.device_dropped == dropped
-    assert health.balanced() and health.frames == len(frames)
+    assert balanced(health) and health.frames == len(frames)
     assert not decoder.finish().size
     return said
 

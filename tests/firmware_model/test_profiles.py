@@ -20,7 +20,8 @@ from streams import Drive, cut_up, random_events, with_sums
 from edge_vpr.events import Events, Sensor
 from edge_vpr.map_record import describe_query
 from edge_vpr.matching.drive import match_descriptors
-from edge_vpr.online.localiser import Localiser, MatchSchedule
+from edge_vpr.online.localiser import Localiser
+from edge_vpr.online.schedule import MatchSchedule
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.settings import PRESETS
 from firmware_model import Event, MatchResult

@@ -16,14 +16,14 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 from devices import DEVICES
-from streams import random_events
+from streams import balanced, random_events
 
 from edge_vpr.descriptors.pixels import PixelMap
 from edge_vpr.descriptors.windows import Descriptors
 from edge_vpr.events import Sensor, make_events
 from edge_vpr.live.localiser import LiveLocaliser
 from edge_vpr.live.protocols import open_decoder, open_encoder
-from edge_vpr.online.localiser import MatchSchedule
+from edge_vpr.online.schedule import MatchSchedule
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.settings import Settings
 
@@ -182,7 +182,7 @@ def answers(decoder, camera, choose, now_s):
 def checked(decoder, events, sensor, now):
     """Books balance, time runs forward, events lie on the sensor, memory is bounded."""
     health = decoder.health
-    assert health.balanced(), health
+    assert balanced(health), health
     assert health.pending_bytes <= MOST_PENDING
     assert health.lost >= 0
     assert isinstance(decoder.remark, str)

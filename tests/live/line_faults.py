@@ -11,10 +11,14 @@ import sys
 import time
 from dataclasses import dataclass
 from functools import cache
+from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
+
+sys.path.insert(0, str(Path(__file__).parents[1]))
 from devices import DEVICES
+from streams import balanced
 
 from edge_vpr.events import Events, Sensor, make_events
 from edge_vpr.live.protocols import Health, open_decoder, open_encoder
@@ -264,7 +268,7 @@ def decode(host: str, sent: Sent, received: bytes, origin: Longs, piece: int = P
         else:
             events = decoder.feed(received[start : start + piece])
         health = decoder.health
-        assert health.balanced(), health
+        assert balanced(health), health
         assert health.bytes == min(start + piece, len(received))
         assert health.pending_bytes < 66_000
         if events.size == 0:

@@ -7,16 +7,17 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from numba import config
-from streams import random_events
+from streams import balanced, random_events
 from test_filter_run import map_of as filtered_map
-from test_localiser import PIXELS, SENSOR, map_of
+from test_localiser import PIXELS, SENSOR, check_state, map_of
 
 from edge_vpr.descriptors.cleaning import CausalBurstFilter
 from edge_vpr.events import Sensor, join_events, make_events
 from edge_vpr.live.localiser import JUMP_US, MOST_TICKS, LiveLocaliser
 from edge_vpr.live.losses import LOSS_STEP_US
 from edge_vpr.live.protocols import open_decoder, open_encoder
-from edge_vpr.online.localiser import Localiser, MatchSchedule
+from edge_vpr.online.localiser import Localiser
+from edge_vpr.online.schedule import MatchSchedule
 
 #: a camera that has more pixels than the map's sensor, with fields of the same widths
 CAMERA = Sensor(8, 8)
@@ -173,12 +174,12 @@ def test_a_stream_gives_the_results_of_its_events_whatever_comes_and_however_it_
     sent = a_stream(rng, device)
     for data in cut(rng, sent, whole):
         lost = int(rng.random() < 0.02)
-        found = live.feed(data, 0, lost=lost)
+        found = live.feed(data, 0, dropped=lost)
         events, matches = separate.feed(data, lost)
         assert found.events.tobytes() == events.tobytes()
         assert found.matches.tobytes() == matches.tobytes()
         assert live.decoder.health == separate.decoder.health
-        assert live.decoder.health.balanced()
+        assert balanced(live.decoder.health)
         for match, missing in zip(matches, found.missing, strict=True):
             separate.check_missing(match, missing)
     assert live.bursts_removed == (separate.bursts.removed if remove_bursts else 0)
@@ -188,7 +189,7 @@ def test_a_stream_gives_the_results_of_its_events_whatever_comes_and_however_it_
     matches = separate.match(ended, separate.decoder.reached_us)
     matches = matches.tobytes() + separate.localiser.finish().tobytes()
     assert (events, found) == (ended.tobytes(), matches)
-    live._localiser.verify()
+    check_state(live._localiser)
 
 
 @pytest.mark.parametrize("kind", ["sequence", "filter"])

@@ -22,7 +22,8 @@ from edge_vpr.live.bridge import Bridge, open_device_link
 from edge_vpr.live.odometer import OdometerLine
 from edge_vpr.live.protocols import open_encoder
 from edge_vpr.live.session import LiveSession
-from edge_vpr.online.localiser import Localiser, MatchSchedule, OdometryFeed
+from edge_vpr.online.localiser import Localiser, OdometryFeed
+from edge_vpr.online.schedule import MatchSchedule
 from edge_vpr.recordings import open_recording, write_recording
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.route import OdometerCheck, Odometry

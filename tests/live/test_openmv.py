@@ -13,7 +13,7 @@ import pytest
 from edge_vpr_tools.commands.ports import KNOWN, guess
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from streams import Drive, from_first, random_events
+from streams import Drive, balanced, from_first, random_events
 
 from edge_vpr.errors import UsageError
 from edge_vpr.events import Sensor, make_events
@@ -66,7 +66,7 @@ def assert_none_is_corrupt(events, every_us=7):
 
 def assert_accounted(sent, arrived, health):
     """What was made lies between what is known to have come or gone, and the most of it."""
-    assert health.balanced()
+    assert balanced(health)
     assert arrived + health.lost <= sent <= arrived + health.rejected + health.lost_at_most
 
 
@@ -92,7 +92,7 @@ def converse(decoder, camera, events, *, up=None, down=None, cut=None, chunk=3_0
         for start, stop in zip([0, *cuts], [*cuts, len(answer)], strict=True):
             if stop > start:
                 arrived.append(decoder.feed(answer[start:stop]))
-                assert decoder.health.balanced()
+                assert balanced(decoder.health)
         to_camera = decoder.to_send(now)
         now += 1e-4 if to_camera else decoder.tick_s
         done = given_events >= events.size and camera.held == 0
@@ -313,7 +313,7 @@ def test_a_camera_that_restarts_is_asked_anew():
     assert np.array_equal(events[1_000:][["x", "y", "p"]], marked(1_000)[["x", "y", "p"]])
     assert (np.diff(events["t"]) >= 0).all()
     assert decoder.health.clock_resets == 1
-    assert decoder.health.balanced()
+    assert balanced(decoder.health)
 
 
 def test_a_cable_pulled_and_put_back_starts_a_new_conversation():
@@ -391,7 +391,7 @@ def test_triggers_are_no_events_and_records_that_cannot_be_are_counted():
     decoder, arrived = fetched(np.array(rows, dtype="<u2").tobytes())
     assert arrived.tolist() == [(0, 10, 20, True), (2, 11, 21, False), (9, 12, 22, True)]
     assert (decoder.health.undated, decoder.health.off_sensor) == (3, 1)
-    assert decoder.health.balanced()
+    assert balanced(decoder.health)
 
 
 def test_a_false_beginning_of_a_packet_holds_the_stream_up_no_longer_than_a_retry():
@@ -435,7 +435,7 @@ def test_a_camera_that_says_anything_is_asked_again_and_again_in_bounded_memory(
     _, peak = tracemalloc.get_traced_memory()
     tracemalloc.stop()
     assert peak < 50_000 < 150 * len(noise)  # of all that came meanwhile, little is kept
-    assert decoder.health.balanced()
+    assert balanced(decoder.health)
     assert decoder.health.pending_bytes <= MAX_PACKET
     assert asked.count(pack(Opcode.SYNC, 0)) + asked.count(pack(Opcode.GET_CAPS, 0)) >= 8
 

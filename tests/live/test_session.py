@@ -33,7 +33,8 @@ from edge_vpr.live.links import LinkError
 from edge_vpr.live.position import Locator, PathPosition
 from edge_vpr.live.protocols import Health, open_encoder
 from edge_vpr.live.watches import MisfitWatch
-from edge_vpr.online.localiser import Localiser, MatchSchedule
+from edge_vpr.online.localiser import Localiser
+from edge_vpr.online.schedule import MatchSchedule
 from edge_vpr.recordings import open_recording, write_recording
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.route import Route
@@ -336,7 +337,7 @@ def test_the_matches_of_every_protocol_are_those_of_the_recording(
         position.update(row["time_us"], row["time_us"] - row["start_us"], row["place"])
         for row in expected
     ]
-    assert [match.along_m for match in found] == [locator.locate(each).along_m for each in at]
+    assert [match.along_m for match in found] == [locator.locate(each)["along_m"] for each in at]
     assert found[-1].jumps == position.jumps > 0
     assert not any(match.incomplete for match in found)
     assert all(abs(match.host_us / 1e6 - time.time()) < 60 for match in found)
@@ -831,6 +832,24 @@ def test_nothing_is_compiled_once_the_link_is_open():
         capture_output=True, text=True, check=False, timeout=300,
     )  # fmt: skip
     assert done.returncode == 0, done.stderr
+
+
+def test_a_camera_that_has_not_begun_does_not_stall(query, monkeypatch):
+    """It is silent, which is said; a stall begins after the first byte."""
+    monkeypatch.setattr("edge_vpr.live.watches.SILENT_S", 0.05)
+    line, said = Line("pty"), []
+    with LiveSession(line.host, protocol="evpr", sensor=SENSOR, on_message=said.append) as session:
+        wait_until(lambda: said, session)
+        assert session.health.stalls == 0
+        encoder = open_encoder("evpr", SENSOR)
+        line.write(encoder.start() + encoder.encode(query[:500]))
+        wait_until(lambda: session.health.stalls == 1, session)
+    line.close()
+    assert [(message.kind, message.over) for message in said] == [
+        ("stalled", False),
+        ("stalled", True),
+        ("stalled", False),
+    ]
 
 
 def test_another_place_is_counted_in_the_health(street, tmp_path):

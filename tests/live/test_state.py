@@ -155,7 +155,7 @@ def test_a_robot_that_drove_on_unseen_is_found_again(how, clock, street, tmp_pat
         )
         true_m = track.at(piece["t"][-1:] + off_us)[0, 0]
         for match, at in zip(found.matches, found.at, strict=True):
-            off_m = abs(locator.locate(at).along_m - true_m)
+            off_m = abs(locator.locate(at)["along_m"] - true_m)
             rows.append((int(match["time_us"]), off_m, float(match["probability"])))
     if how == "another run" or clock == "goes on":
         assert 16_500_000 < rows[0][0] < 17_500_000

@@ -31,7 +31,8 @@ from edge_vpr.live.match import LiveMatch
 from edge_vpr.live.protocols import open_decoder, open_encoder
 from edge_vpr.live.session import LiveStatus, LiveStep
 from edge_vpr.map_record import coded_map
-from edge_vpr.online.localiser import Localiser, MatchSchedule
+from edge_vpr.online.localiser import Localiser
+from edge_vpr.online.schedule import MatchSchedule
 from edge_vpr.recordings import open_recording, write_recording
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.route import Route
@@ -236,7 +237,7 @@ def test_an_overload_is_flagged_until_the_windows_are_whole_again(reference, eve
     cut = third + 2_000
     flags = []
     for i in range(cut, len(sent), 1_000):
-        step = live.feed(sent[i : i + 1_000], 0, lost=2_000 if i == cut else 0)
+        step = live.feed(sent[i : i + 1_000], 0, dropped=2_000 if i == cut else 0)
         flags += [share > 0 for share in step.missing]
     health = live.decoder.health
     assert flags[0]

@@ -12,13 +12,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numba import config
 from streams import Drive, as_tuples, cut_up, descriptors, random_events, with_sums
-from test_localiser import PIXEL_MAP, PIXELS, SENSOR, feed
+from test_localiser import PIXEL_MAP, PIXELS, SENSOR, feed, feed_checked
 
 from edge_vpr.errors import UsageError
 from edge_vpr.events import make_events
 from edge_vpr.map_record import coded_map, describe_query
 from edge_vpr.matching.drive import match_descriptors, match_query
-from edge_vpr.online.localiser import Localiser, MatchSchedule, OdometryFeed
+from edge_vpr.online.localiser import Localiser, OdometryFeed
+from edge_vpr.online.schedule import MatchSchedule
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.route import Odometry
 from edge_vpr.settings import Settings
@@ -96,7 +97,7 @@ def test_every_match_equals_the_oracle_however_the_stream_is_cut(
         places_per_window=per_window,
     )  # fmt: skip
     events = random_events(rng, n, SENSOR, 2_000)
-    found = feed(Localiser(reference, check_every=7), cut_up(rng, events, pieces))
+    found = feed_checked(Localiser(reference), cut_up(rng, events, pieces))
     assert without_ratio(found) == oracle_after_each_event(reference, events)
 
 
@@ -246,7 +247,7 @@ def test_a_silence_of_a_year_is_passed_over_at_once():
     assert place.size == 0
     assert localiser.update(after).size > 50
     # windows after the silence end where they would have ended
-    assert localiser.complete
+    assert localiser.filled == 1
 
 
 def test_a_silence_says_the_same_whether_it_is_passed_over_or_not():
@@ -298,7 +299,7 @@ def test_a_match_that_comes_late_is_given_as_soon_as_its_last_window_has_ended()
     localiser, given = Localiser(reference), []
     for i in range(len(events)):
         given += [(i, row) for row in localiser.update(events[i : i + 1])]
-        assert localiser.complete or not given
+        assert localiser.filled == 1 or not given
     last = localiser.finish()
     assert localiser.finish().size == 0
     # the same windows, of which all but three waited for the end of the third after them

@@ -13,21 +13,18 @@ from numba import config
 from streams import as_tuples, random_events, with_sums
 from test_filter_run import map_of as filtered_map
 from test_filter_run import with_ways
-from test_localiser import CODED, PIXEL_MAP, PIXELS, SENSOR, feed, map_of
+from test_localiser import CODED, PIXEL_MAP, PIXELS, SENSOR, check_state, feed, map_of
 
 from edge_vpr.compiling import SharedState
 from edge_vpr.confidence import Acceptance, Confidence
 from edge_vpr.errors import EventError, UsageError
 from edge_vpr.events import EVENT_DTYPE, make_events
 from edge_vpr.matching.matches import margin_to_second, ratio_to_second
-from edge_vpr.online.kernels import (
-    CHUNK_EVENTS,
-    ContrastCodes,
-    process_events,
-    selected_in_order,
-    write_codes,
-)
-from edge_vpr.online.localiser import MATCHES_AT_ONCE, Localiser, MatchSchedule
+from edge_vpr.online.kernels import CHUNK_EVENTS, process_events, selected_in_order
+from edge_vpr.online.localiser import Localiser
+from edge_vpr.online.runs import MATCHES_AT_ONCE
+from edge_vpr.online.schedule import MatchSchedule
+from edge_vpr.online.sliding_windows import ContrastCodes, write_codes
 from fixedpoint.own_mean import OwnMeanCode
 
 TABLE = Confidence(
@@ -90,7 +87,7 @@ def test_events_one_by_one_give_the_matches_of_one_chunk(seed, kind, window, cod
     found = feed(cut, [events[i : i + step] for i in range(0, events.size, step)])
     assert whole.size > 0
     assert found.tobytes() == whole.tobytes()
-    cut.verify()
+    check_state(cut)
 
 
 @given(seed=st.integers(0, 2**32), n=st.integers(0, 300))

@@ -13,6 +13,7 @@ from edge_vpr_tools.research.experiments import drives as drive_pairs
 from edge_vpr_tools.research.experiments.calibration import without_places
 from edge_vpr_tools.research.experiments.pairs import Kept, Pair
 from edge_vpr_tools.research.experiments.variants import Variant, VariantResult
+from test_localiser import check_state
 
 from edge_vpr.confidence import SMOOTHED, default_confidence
 from edge_vpr.descriptors.windows import PublishedWindows
@@ -21,7 +22,8 @@ from edge_vpr.evaluation.calibration import reliability
 from edge_vpr.evaluation.ground_truth import from_tracks
 from edge_vpr.evaluation.metrics import evaluate_rejection
 from edge_vpr.evaluation.track_files import load_track
-from edge_vpr.online.localiser import Localiser, MatchSchedule
+from edge_vpr.online.localiser import Localiser
+from edge_vpr.online.schedule import MatchSchedule
 from edge_vpr.recordings import open_recording
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.settings import PRESETS
@@ -135,10 +137,10 @@ def test_the_online_matches_of_a_walk_are_the_offline_ones_and_never_drift(walks
     for name in ("distance", "second_distance"):
         assert np.array_equal(found[name], getattr(batch, name)), name
 
-    every_event = Localiser(reference, check_every=1_000)
+    every_event = Localiser(reference)
     for events in list(walks[1])[:5]:
         every_event.update(events)
-    every_event.verify()
+        check_state(every_event)
 
 
 @pytest.mark.parametrize("evening", ["sunset1", "sunset2"])

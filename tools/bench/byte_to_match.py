@@ -27,7 +27,7 @@ from edge_vpr.events import Events, Sensor, make_events
 from edge_vpr.live.bridge import Bridge, VirtualLink
 from edge_vpr.live.localiser import LiveLocaliser
 from edge_vpr.live.protocols import open_decoder, open_encoder
-from edge_vpr.online.localiser import MatchSchedule
+from edge_vpr.online.schedule import MatchSchedule
 
 SENSOR = Sensor(346, 260)
 #: Time of a frame, and frames between two matches.

@@ -22,8 +22,10 @@ from soak import a_map
 from edge_vpr.descriptors.cleaning import BurstFilter
 from edge_vpr.events import Events, Sensor, make_events
 from edge_vpr.live.localiser import LiveLocaliser
-from edge_vpr.live.protocols import CONFIRM, open_decoder, open_encoder
-from edge_vpr.online.localiser import Localiser, MatchSchedule
+from edge_vpr.live.protocols import open_decoder, open_encoder
+from edge_vpr.live.protocols.timestamps import CONFIRM
+from edge_vpr.online.localiser import Localiser
+from edge_vpr.online.schedule import MatchSchedule
 from edge_vpr.reference_map import ReferenceMap
 
 SENSOR = Sensor(346, 260)

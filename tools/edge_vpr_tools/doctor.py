@@ -29,7 +29,7 @@ from edge_vpr.errors import EdgeVprError, install_command, printable
 from edge_vpr.live.localiser import LiveLocaliser
 from edge_vpr.live.protocols import PROTOCOLS, open_decoder
 from edge_vpr.online.kernels import process_events
-from edge_vpr.online.localiser import MatchSchedule
+from edge_vpr.online.schedule import MatchSchedule
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.results import processor_name
 from edge_vpr.settings import PRESETS, resolve_settings

@@ -62,7 +62,7 @@ class Panel:
         self._live = live
         self._notices: deque[Notice] = deque(maxlen=_KEPT)
         self._standing: set[str] = set()
-        self.lost = False  #: Whether the terminal has gone.
+        self.gone = False  #: Whether the terminal has gone.
 
     def notice(self, kind: str, text: str, *, over: bool) -> None:
         """Add a notice, shown as a warning until a notice of its kind says that it is over."""
@@ -91,9 +91,9 @@ class Panel:
         try:
             self._live.update(self._drawn(rows, share, recent, stale=stale), refresh=True)
             # a terminal that was closed between two updates is no terminal for Rich, and gets none
-            self.lost = not self._live.console.file.isatty()
+            self.gone = not self._live.console.file.isatty()
         except OSError:
-            self.lost = True
+            self.gone = True
 
     def close(self) -> None:
         """Restore the screen; calling it again has no effect."""
@@ -198,7 +198,7 @@ def route_row(reference: ReferenceMap) -> dict[str, Any]:
     if locator.route_m is not None:
         places = [locator.locate(place) for place in range(len(reference))]
         for name in (*locator.names, "along_m", "heading_deg"):
-            values = (getattr(place, name) for place in places)
+            values = (place[name] for place in places)
             digits = _DIGITS.get(name, 3)
             row[name] = [None if value is None else round(value, digits) for value in values]
     return row
@@ -272,7 +272,7 @@ class View:
         self._goal = "match" if self._places else "event"
         self.unread = False  #: Whether the reader of the output has gone, as after `head`.
         self.unwritten = ""  #: Which file was given up and why, if one was.
-        self._started = self._shown = self._logged = self._heard = time.monotonic()
+        self._started = self._shown = self._logged = time.monotonic()
         self._line_s, self._printed = line_s, self._started
         self._state: tuple[bool, ...] = ()
         self._events_then = 0
@@ -291,8 +291,7 @@ class View:
         """Count and write the matches of a piece of bytes."""
         if step.result is None:
             return
-        self._heard = time.monotonic()
-        lag_s = self._heard - step.at_s
+        lag_s = time.monotonic() - step.at_s
         if step.result.events.size:
             self._lag_s = lag_s
             self._lags.add(lag_s)
@@ -328,21 +327,22 @@ class View:
         if since < (_LINE_S if self._panel is None else _REFRESH_S):
             return
         health, filled = status.health, status.filled
+        silent = health.silent_s > SILENT_S
         self._rate = (health.events - self._events_then) / since
         self._events_then, self._shown = health.events, now
         if now - self._logged >= _LINE_S:
             self._logged = now
             self._write(self._health(status))
             newest = self._newest()
-            silent = not newest or newest["lost"] or self._silent_s() > SILENT_S
-            self._recent.append(None if silent else newest["probability"])
+            unknown = silent or not newest or newest["lost"]
+            self._recent.append(None if unknown else newest["probability"])
         if self._panel is not None:
             texts = self._texts(status)
             share = self._position(filled) if self._places else None
             known = any(each is not None for each in self._recent)
             recent = tuple(self._recent) if known else ()
-            self._panel.show(texts, share, recent, stale=self._silent_s() > SILENT_S)
-            self.unread |= self._panel.lost
+            self._panel.show(texts, share, recent, stale=silent)
+            self.unread |= self._panel.gone
         elif not self._quiet:
             self._print_status(status, now)
 
@@ -396,11 +396,11 @@ class View:
         """Return the parts of a line, or of the panel, by name."""
         health, filled = status.health, status.filled
         texts = {"rate": f"{self._rate:,.0f} events/s", "received": f"{health.events:,} events"}
-        if (silent_s := self._silent_s()) > SILENT_S:
-            texts["silent"] = f"nothing came for {silent_s:.0f} s"
+        if health.silent_s > SILENT_S:
+            texts["silent"] = f"nothing came for {health.silent_s:.0f} s"
         if status.lost_link:
             # an earlier place would be mistaken for the current one
-            texts["silent"] = f"the link is lost for {silent_s:.0f} s"
+            texts["silent"] = f"the link is lost for {health.silent_s:.0f} s"
             texts["health"] = "link lost" if str(health) == "no faults" else f"link lost, {health}"
             return texts
         if newest := self._newest():
@@ -429,10 +429,6 @@ class View:
                 texts["latency"] += f", {health.lag_us / 1e3:,.0f} ms late"
         texts["health"] = str(health)
         return texts
-
-    def _silent_s(self) -> float:
-        """Return the seconds since the newest bytes."""
-        return time.monotonic() - self._heard
 
     def _position(self, filled: float) -> float:
         """Return the share of the route before the newest match, or of the time until the first."""

@@ -30,7 +30,8 @@ from edge_vpr.compiling import kernel
 from edge_vpr.errors import UsageError, printable
 from edge_vpr.events import Events, Sensor
 from edge_vpr.files import read_toml
-from edge_vpr.live.protocols import STEP_US, Clock, Decoder, Encoder, OptionReader, damaged_sample
+from edge_vpr.live.protocols import Clock, Decoder, Encoder, OptionReader, damaged_sample
+from edge_vpr.live.protocols.timestamps import STEP_US
 from edge_vpr.live.protocols.words import Raw, Reading, WordDecoder, word_at
 from edge_vpr.recordings.reading import Columns, empty_columns
 
@@ -54,7 +55,7 @@ _FORM = np.dtype(
     ]
 )  # fmt: skip
 # An odd step of time adds the first number to a score, and a good one subtracts 1. If the score
-# exceeds the second number, the beginning of words is lost.
+# exceeds the second number, the decoder is out of sync.
 _ODD, _TOO_ODD = 4, 8
 # time of the last word (-1: there is none), and score of the last steps
 _MEMORY = np.dtype([("last", "<i8"), ("odd", "<i8")])
@@ -227,6 +228,8 @@ def _read(raw, most, form):  # type: ignore[no-untyped-def]
 
 class LayoutEncoder(Encoder):
     """Encodes events as words of a layout."""
+
+    host_needs_options = True
 
     def __init__(self, name: str, layout: Layout, sensor: Sensor) -> None:
         layout.check_sensor(name, sensor)

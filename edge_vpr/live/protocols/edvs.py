@@ -158,11 +158,11 @@ class StepDecoder(Decoder):
                 if not found:
                     continue
                 self._searching = False
-            used, n_found, self._now, lost = _take_steps(
+            used, n_found, self._now, out_of_sync = _take_steps(
                 raw[at:], self._sync, self._now, t[count:], x[count:], y[count:], p[count:]
             )
             at, count = at + used, count + n_found
-            if not lost:
+            if not out_of_sync:
                 break
             self.health.resyncs += 1
             self._searching = True
@@ -322,12 +322,12 @@ class EdvsDecoder(Decoder):
             self._doubt()
         return join_events(events)
 
-    def gap(self, lost_bytes: int = 0) -> Events:
+    def gap(self, dropped_bytes: int = 0) -> Events:
         """Handle missing bytes; see `Decoder.gap`."""
         if self._inner is None:
             self.health.skipped_bytes += len(self._pending)
             self._pending = b""
-        return super().gap(lost_bytes)
+        return super().gap(dropped_bytes)
 
     def warm_up(self) -> None:
         """Compile the kernels for decoding; see `Decoder.warm_up`."""
@@ -371,8 +371,8 @@ class EdvsDecoder(Decoder):
         else:
             inner = LayoutDecoder("edvs", _layout_of(bits, sync), self.sensor)
         inner.adopt(self.health)
-        inner._timestamps.take_over_from(self._timestamps)
-        self._inner, self._timestamps = inner, inner._timestamps
+        inner.timestamps.take_over_from(self.timestamps)
+        self._inner, self.timestamps = inner, inner.timestamps
         received, *others = self._so_far()
         self._since = (received - waiting, *others)
         self.resync_bytes = inner.resync_bytes

@@ -13,12 +13,9 @@ import numpy.typing as npt
 from edge_vpr.compiling import SharedState, kernel
 from edge_vpr.errors import UsageError
 from edge_vpr.events import Events, Sensor
-from edge_vpr.live.protocols import (
-    EXACT,
-    Clock,
-    Decoder,
-    Encoder,
-    OptionReader,
+from edge_vpr.live.protocols import Clock, Decoder, Encoder, OptionReader
+from edge_vpr.live.protocols.health import EXACT
+from edge_vpr.live.protocols.timestamps import (
     admit_columns,
     empty_events,
     reach,
@@ -41,7 +38,7 @@ FRAME_END = b"\0"
 # Consistent overhead byte stuffing: converts any bytes to bytes without a zero.
 #
 # S. Cheshire, M. Baker, "Consistent Overhead Byte Stuffing", IEEE/ACM Trans. Networking 7(2), 1999.
-# A zero can then mark the end of a frame, and a reader that has lost its place waits for the next.
+# A zero can then mark the end of a frame, and a reader that is out of sync waits for the next.
 
 
 Bytes = npt.NDArray[np.uint8]
@@ -480,9 +477,9 @@ class EvprDecoder(Decoder):
         """Decode whole frames, and count what they show in the health."""
         health = self.health
         events, decoded = _decode_frames(
-            self._buffers.kernel_state, self._timestamps.shared.kernel_state, frames
+            self._buffers.kernel_state, self.timestamps.shared.kernel_state, frames
         )
-        self._timestamps.report(decoded, len(events))
+        self.timestamps.report(decoded, len(events))
         counts = cast("tuple[int, ...]", self._buffers.value.counts.item())
         whole, damaged, skipped, repeats, gaps, lost, dropped, resets, narrow, _, _ = counts
         health.frames += whole

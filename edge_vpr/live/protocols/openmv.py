@@ -13,8 +13,9 @@ import numpy.typing as npt
 from edge_vpr.compiling import kernel
 from edge_vpr.errors import UsageError, printable
 from edge_vpr.events import Events, Sensor, make_events
-from edge_vpr.live.protocols import BOUND, Clock, Decoder, Encoder, Health, OptionReader
+from edge_vpr.live.protocols import Clock, Decoder, Encoder, Health, OptionReader
 from edge_vpr.live.protocols.evt import ENCODERS
+from edge_vpr.live.protocols.health import BOUND
 from edge_vpr.live.protocols.openmv_camera import CameraEncoder, PushingEncoder
 from edge_vpr.live.protocols.openmv_packets import (
     BAUD,
@@ -623,10 +624,10 @@ class AskingDecoder(PacketDecoder):
         self._give_up()
         return events
 
-    def gap(self, lost_bytes: int = 0) -> Events:
+    def gap(self, dropped_bytes: int = 0) -> Events:
         """See `Decoder.gap`."""
-        events = super().gap(lost_bytes)
-        if not lost_bytes:
+        events = super().gap(dropped_bytes)
+        if not dropped_bytes:
             # the caller that opened the link again has sent the opening command
             self._dialogue.opening()
         return events

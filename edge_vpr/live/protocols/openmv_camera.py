@@ -288,6 +288,7 @@ class CameraEncoder(Encoder):
         Number of events in one of the script's buffers.
     """
 
+    host_needs_options = True
     waits_for_host = True
 
     def __init__(
@@ -340,6 +341,8 @@ class CameraEncoder(Encoder):
 
 class PushingEncoder(Encoder):
     """Device that sends the packets of one channel without a request."""
+
+    host_needs_options = True
 
     def __init__(
         self, sensor: Sensor, channel: int, encode_records: Callable[[Events], bytes]

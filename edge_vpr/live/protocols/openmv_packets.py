@@ -193,7 +193,7 @@ def pack(
 # results for one chunk: processed bytes, and counts; then the number of the next packet, the
 # number of joined bytes, and whether the last processed byte was of no packet, which is kept: bad
 # bytes that a chunk cuts are one fault
-_NAMES = "at", "skipped_bytes", "resyncs", "errors", "packets", "sequence", "joined", "lost"
+_NAMES = "at", "skipped_bytes", "resyncs", "errors", "packets", "sequence", "joined", "searching"
 _STATE = np.dtype([(name, "<i8") for name in _NAMES])
 
 
@@ -238,7 +238,7 @@ class PacketFinder:
         """
         self._data, self._raw = data, np.frombuffer(data, dtype=np.uint8)
         self._trust = trust
-        self._state[0] = (0, 0, 0, 0, 0, self.sequence, 0, self._state["lost"].item())
+        self._state[0] = (0, 0, 0, 0, 0, self.sequence, 0, self._state["searching"].item())
         if self._out.size < len(data) + 16:
             self._out = np.empty(len(data) + 16, dtype=np.uint8)
 
@@ -320,9 +320,9 @@ def _find(  # type: ignore[no-untyped-def]
             continue
         if bad_from >= 0:
             s["skipped_bytes"] += at - bad_from
-            s["resyncs"] += 1 - s["lost"]
+            s["resyncs"] += 1 - s["searching"]
             bad_from = -1
-        s["lost"] = 0
+        s["searching"] = 0
         s["packets"] += 1
         # joins only reads (0x26) whose only flag is that of a fragment (16)
         if (
@@ -341,7 +341,7 @@ def _find(  # type: ignore[no-untyped-def]
         at += size
     if bad_from >= 0:
         s["skipped_bytes"] += at - bad_from
-        s["resyncs"] += 1 - s["lost"]
-        s["lost"] = 1
+        s["resyncs"] += 1 - s["searching"]
+        s["searching"] = 1
     s["at"] = at
     return found

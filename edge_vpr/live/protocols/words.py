@@ -14,8 +14,8 @@ from edge_vpr.live.protocols import Clock, Decoder
 from edge_vpr.recordings.reading import Columns
 
 # Nothing marks the beginning of a word; it is found from the properties of valid words. A decoder
-# that has lost the beginning tries every offset over the next words, and takes the one with the
-# most valid words.
+# that is out of sync tries every offset over the next words, and takes the one with the most valid
+# words.
 
 
 Raw = npt.NDArray[np.uint8]
@@ -72,10 +72,9 @@ class WordDecoder(Decoder):
 
     @abstractmethod
     def _take_words(self, raw: Raw) -> tuple[int, Columns, bool]:
-        """Decode words up to one that shows that the beginning of words is lost.
+        """Decode words up to one that shows that the decoder is out of sync.
 
-        Returns the number of words, their events (valid until the next call), and whether it is
-        lost.
+        Returns the number of words, their events (valid until the next call), and whether it is.
         """
 
     def _lose_sync(self) -> None:
@@ -92,13 +91,13 @@ class WordDecoder(Decoder):
                 skip = self._search(raw[at:])
                 at += skip
                 self.health.skipped_bytes += skip
-                # a search that ends where it began has lost nothing
+                # a search that ends where it began has skipped nothing
                 self.health.resyncs += skip > 0 and not self._counted
                 self._counted |= skip > 0
                 if self._searching:
                     continue
             words = (raw.size - at) // size
-            used, columns, lost = self._take_words(raw[at : at + words * size])
+            used, columns, out_of_sync = self._take_words(raw[at : at + words * size])
             at += used * size
             if used == words:
                 parts.append(columns)
@@ -106,12 +105,12 @@ class WordDecoder(Decoder):
             if used:
                 # the next words are decoded into the same memory
                 parts.append(Columns(*(column.copy() for column in columns)))
-            if lost:
+            if out_of_sync:
                 self._lose_sync()
         return parts, data[at:]
 
     def _search(self, raw: Raw) -> int:
-        """Return the number of bytes to skip to the next word; stay lost if none is near."""
+        """Return the number of bytes to skip to the next word; go on searching if none is near."""
         size = self._size
         most = min(self._search_words, raw.size // size)
         # first byte at which any word is valid

@@ -64,9 +64,7 @@ def run(args: argparse.Namespace) -> None:
     link = open_device_link(args.port, baud=args.baud, flow_control=args.flow_control)
     try:
         bridge = Bridge(link, encoder, speed=args.speed, faults=faults, seed=args.seed)
-        # a host recognises the options of a device, except its channel or its layout
-        name = args.protocol.partition(":")[0]
-        host = args.protocol if name in ("openmv", "aer") else name
+        host = args.protocol if encoder.host_needs_options else args.protocol.partition(":")[0]
         address = printable(link.address)
         print(f"{address} waits for a host: edge-vpr stream --port {address} "
               f"--protocol {printable(host)} --sensor {recording.sensor}", flush=True)  # fmt: skip

@@ -95,7 +95,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )  # fmt: skip
     line.add_argument(
         "--max-age", metavar="TIME",
-        help="a match that is older than this when it is given is lost (default: two windows)",
+        help="a match that is older than this when it is given is rejected (default: two windows)",
     )  # fmt: skip
     places = parser.add_argument_group("localising")
     places.add_argument("--map", metavar="MAP.npz", help="map to localise on")
@@ -132,7 +132,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     output.add_argument(
         "--status-every", metavar="TIME",
         help="without --json and without a terminal, print a line of status this often, "
-        "and when the link or the place is lost or found again (default: 1s)",
+        "and when the link is lost or found again, or matches are rejected or accepted again "
+        "(default: 1s)",
     )  # fmt: skip
     output.add_argument(
         "--http", metavar="[HOST:]PORT",

@@ -18,7 +18,7 @@ import numpy.typing as npt
 
 from edge_vpr.descriptors.counting import EventSource, WindowSource, cleaned
 from edge_vpr.evaluation.tracks import Track, distances, with_positions
-from edge_vpr.live.position import Located, Locator, PathPosition
+from edge_vpr.live.position import Locator, PathPosition
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.settings import PRESETS
 from edge_vpr.simulation import simulate_pair
@@ -143,10 +143,10 @@ def positions_of(mapped: ReferenceMap, driven: Driven) -> dict[str, Row]:
     return rows
 
 
-def _coordinates(located: Located, track: Track) -> list[float]:
+def _coordinates(located: dict[str, float | None], track: Track) -> list[float]:
     """Return a position as the track has it; NaN where it is not known."""
     names = ("latitude", "longitude") if track.kind == "geographic" else ("x_m", "y_m", "z_m")
-    values = [getattr(located, name) for name in names[: track.position.shape[1]]]
+    values = [located[name] for name in names[: track.position.shape[1]]]
     return [np.nan if value is None else value for value in values]
 
 

@@ -79,7 +79,7 @@ def transitions_of(reference: ReferenceMap, constants: Constants) -> Transitions
     table = found.table
     found.table = table._replace(
         costs=np.rint(constants.steps * table.costs).astype(np.int32),
-        restart=round(constants.restart * table.restart),
+        restart_cost=round(constants.restart * table.restart_cost),
     )
     return found
 

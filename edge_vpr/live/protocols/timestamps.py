@@ -1,0 +1,303 @@
+"""Filter of decoded events: on the sensor, in time order, on a clock that never wraps.
+
+Most protocols of cameras have no checksum, so that a time may be wrong, and a camera may restart
+while the rover drives. An unusual step of time is therefore accepted only when the events after it
+agree. Until then these are held, and dropped if they do not agree.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from edge_vpr.compiling import SharedState, kernel
+from edge_vpr.events import EVENT_DTYPE, Events, Sensor
+from edge_vpr.live.protocols.health import Health
+from edge_vpr.recordings.reading import Columns
+
+#: A step forward of up to this is accepted at once.
+STEP_US = 1_000_000
+#: A longer step of up to this is accepted once confirmed; beyond it, the clock has restarted.
+SILENCE_US = 60_000_000
+#: The same for times with a checksum; limited because each tick of a silence gives a match.
+VOUCHED_SILENCE_US = 600_000_000
+#: On a clock that wraps, an event up to this much earlier than the newest is late; else it is
+#: later.
+LATE_US = 100_000
+#: On a live line the clock may be ahead of the host's by this much; steps of more than a
+#: millisecond that would bring it further ahead are refused. The right time after a damaged one can
+#: look like a wrap, so that a damaged line would make the clock run many times too fast.
+AHEAD_US, SURE_STEP_US = 500_000, 1_000
+#: Number of successive events that must agree to confirm a step.
+CONFIRM = 8
+
+# State from chunk to chunk, with times in ticks of the device.
+_STATE = np.dtype(
+    [
+        ("dated", "<i8"),  # whether a time is known
+        ("last", "<i8"),  # newest time of the device
+        ("now", "<i8"),  # the same without wraps, from time 0 on
+        ("held", "<i8"),  # number of events in `_FilterState.held`
+        ("allowed", "<i8"),  # time by which the host's clock allows this one to advance
+        ("heard_us", "<i8"),  # newest time of the host; -1: not held against it
+        # counts, see `Health`
+        ("off_sensor", "<i8"),
+        ("late", "<i8"),
+        ("leaps", "<i8"),
+        ("wraps", "<i8"),
+        ("clock_resets", "<i8"),
+    ]
+)
+
+
+#: What of it another run goes on from.
+_KEPT = ("dated", "last", "now")
+#: A clock that has gone on is expected so much before the host's clock says.
+EARLY_US = 200_000
+
+
+class _FilterState(NamedTuple):
+    """State of the kernel, held events, and limits, with times in ticks."""
+
+    state: npt.NDArray[np.void]
+    held: Events
+    width: int
+    height: int
+    period: int
+    late: int
+    sure: int
+    step_limit: int
+    silence: int
+    tick: int
+    confirm: int
+
+
+@dataclass(frozen=True)
+class Clock:
+    """Description of a device's clock."""
+
+    bits: int = 0  #: It wraps after ``2**bits`` ticks; 0: it never does.
+    tick_us: int = 1  #: Microseconds a tick.
+    confirm: int = CONFIRM  #: Events that confirm an odd step; 1 where a checksum vouches for each.
+
+
+class TimestampFilter:
+    """Converts decoded columns to event arrays from time 0 on, and counts rejected events.
+
+    Parameters
+    ----------
+    health : Health
+        Where the counts go.
+
+    Attributes
+    ----------
+    shared : SharedState
+        State for kernels, after which `report` is to be called.
+    """
+
+    def __init__(self, sensor: Sensor, clock: Clock, health: Health) -> None:
+        self.health = health
+        # in ticks, so that a wrap is a bit mask
+        self._tick = tick = clock.tick_us
+        period, late = 0, max(1, LATE_US // tick)
+        step_limit = max(1, STEP_US // tick)
+        sure = max(1, SURE_STEP_US // tick)
+        if clock.bits:
+            # late only by a small part of the period, else a silence would look like a late event
+            period = 1 << clock.bits
+            late = min(late, period // 64)
+        self._period = period
+        silence = VOUCHED_SILENCE_US if clock.confirm == 1 else SILENCE_US
+        self.longest_silence_us = silence
+        self._state = np.zeros(1, dtype=_STATE)
+        self._state["allowed"], self._state["heard_us"] = 1 << 62, -1
+        self._held = np.empty(max(1, clock.confirm), dtype=EVENT_DTYPE)
+        self.shared = SharedState(
+            _FilterState(
+                self._state, self._held, sensor.width, sensor.height, period, late,
+                sure, step_limit, max(1, silence // tick), tick, clock.confirm,
+            )
+        )  # fmt: skip
+
+    @property
+    def reached_us(self) -> int:
+        """Time of the newest event or of a later `reach`; no following event is earlier."""
+        return int(self._state["now"].item()) * self._tick
+
+    def hold_to(self, host_us: int) -> None:
+        """Let the clock advance up to this time of the host; vouched times do so by themselves."""
+        state = self._state[0]
+        if self._held.size == 1:
+            return
+        allowed_us = AHEAD_US
+        if state["heard_us"] >= 0:
+            passed_us = max(0, host_us - int(state["heard_us"]))
+            allowed_us = min(int(state["allowed"]) * self._tick + passed_us, SILENCE_US)
+        state["allowed"], state["heard_us"] = allowed_us // self._tick, host_us
+
+    def admit(self, columns: Columns) -> Events:
+        """Filter decoded events, in the order of the stream.
+
+        Returns
+        -------
+        ndarray of EVENT_DTYPE, shape (n,)
+            Those that are good, and those held before that have been confirmed.
+        """
+        t, x, y, p = columns
+        out = np.empty(t.size + self._held.size, dtype=EVENT_DTYPE)
+        n = admit_columns(self.shared.kernel_state, t, x, y, p, out)
+        self.report(t.size, n)
+        return out[:n]
+
+    def to_values(self) -> dict[str, int]:
+        """Return the values that `resume` needs, of JSON."""
+        return {name: int(self._state[name][0]) for name in _KEPT}
+
+    def resume(self, values: dict[str, int], passed_us: int) -> None:
+        """Go on from the values of `to_values`, as much later as the host's clock says.
+
+        A clock that has gone on is exact all the same; any other begins at about the right time.
+        """
+        passed = max(0, passed_us - EARLY_US) // self._tick
+        self._state["dated"] = values["dated"]
+        self._state["last"], self._state["now"] = values["last"] + passed, values["now"] + passed
+
+    def take_over_from(self, other: TimestampFilter) -> None:
+        """Continue after `other`, which had another clock, in order of time."""
+        other.finish()
+        self._state[:] = other._state
+        state = self._state[0]
+        state["clock_resets"] += state["dated"]
+        state["now"] += state["dated"]
+        state["dated"] = 0
+        self.report(0, 0)
+
+    def finish(self) -> None:
+        """End the stream; events that are still held were not confirmed and are dropped."""
+        state = self._state[0]
+        state["leaps"] += state["held"]
+        state["held"] = 0
+        self.report(0, 0)
+
+    def report(self, decoded: int, delivered: int) -> None:
+        """Add the events of a chunk, and the counts of the kernel, to the health."""
+        health = self.health
+        _, _, _, held, _, _, off_sensor, late, leaps, wraps, clock_resets = self._state.item()
+        health.decoded += decoded
+        health.events += delivered
+        health.held, health.off_sensor, health.late, health.leaps = held, off_sensor, late, leaps
+        health.clock_resets = clock_resets
+        if self._period:  # else the decoder has continued the clock, and counts its wraps
+            health.wraps = wraps
+
+
+@kernel
+def _step(earlier, later, period, late):  # type: ignore[no-untyped-def]
+    """Return the time between two events; on a clock that wraps, forward or slightly late."""
+    step = later - earlier
+    return ((step + late) & (period - 1)) - late if period else step
+
+
+@kernel
+def _drop(state, last, first, held, period, late):  # type: ignore[no-untyped-def]
+    """Count dropped events that were held: as late if the first is slightly late, else as leaps."""
+    if -late <= _step(last, first, period, late) < 0:
+        state["late"] += held
+    else:
+        state["leaps"] += held
+
+
+@kernel
+def _wrapped(earlier, later, period):  # type: ignore[no-untyped-def]
+    return period > 0 and (later & (period - 1)) < (earlier & (period - 1))
+
+
+@kernel
+def start_clock(kernel_state, time):  # type: ignore[no-untyped-def]
+    """Set time 0 to the device's `time`, unless there were events before."""
+    s = _FilterState(*kernel_state.value).state[0]
+    if not s["dated"]:
+        s["dated"], s["last"] = 1, time
+
+
+@kernel
+def reach(kernel_state, time):  # type: ignore[no-untyped-def]
+    """Advance the clock to the device's `time` without an event."""
+    kept = _FilterState(*kernel_state.value)
+    s = kept.state[0]
+    if s["dated"] and not kept.period and 0 < time - s["last"] <= kept.silence:
+        s["now"] += time - s["last"]
+        s["last"] = time
+
+
+@kernel
+def empty_events(kernel_state, n):  # type: ignore[no-untyped-def]
+    """Return an array for `n` events and those that are held."""
+    return np.empty(n + _FilterState(*kernel_state.value).held.size, EVENT_DTYPE)
+
+
+@kernel
+def admit_columns(kernel_state, t, x, y, p, out):  # type: ignore[no-untyped-def]
+    """Do the work of `TimestampFilter.admit`; return how many events are in `out`."""
+    state, held, width, height, period, late, sure, step_limit, silence, tick, confirm = (
+        kernel_state.value
+    )
+    s = state[0]
+    dated, last, now, n_held = s["dated"], s["last"], s["now"], s["held"]
+    allowed = s["allowed"]
+    n = 0
+    for i in range(t.size):
+        if x[i] >= width or y[i] >= height:
+            s["off_sensor"] += 1
+            continue
+        time = np.int64(t[i])
+        if not dated:
+            dated, last = 1, time
+        step = _step(last, time, period, late)
+        if 0 <= step <= step_limit and (step <= sure or step <= allowed):
+            if n_held:  # a good event after held ones: their times were wrong
+                _drop(s, last, held[0]["t"], n_held, period, late)
+                n_held = 0
+            s["wraps"] += _wrapped(last, time, period)
+            now += step
+            allowed -= step
+            last = time
+        else:
+            if n_held:
+                follows = _step(held[n_held - 1]["t"], time, period, late)
+                if not 0 <= follows <= step_limit:
+                    _drop(s, last, held[0]["t"], n_held, period, late)
+                    n_held = 0
+            held[n_held]["t"], held[n_held]["x"], held[n_held]["y"] = time, x[i], y[i]
+            held[n_held]["p"] = p[i] != 0
+            n_held += 1
+            if n_held == confirm:
+                first = held[0]["t"]
+                step = _step(last, first, period, late)
+                if 0 <= step <= silence and step <= allowed:
+                    s["wraps"] += _wrapped(last, first, period)
+                    now += step
+                    allowed -= step
+                else:
+                    s["clock_resets"] += 1
+                    now += 1
+                last = first
+                for k in range(n_held):
+                    step = _step(last, held[k]["t"], period, late)
+                    if step <= sure or step <= allowed:
+                        now += step
+                        allowed -= step
+                    last = held[k]["t"]
+                    out[n]["t"], out[n]["x"], out[n]["y"] = now * tick, held[k]["x"], held[k]["y"]
+                    out[n]["p"] = held[k]["p"]
+                    n += 1
+                n_held = 0
+            continue
+        out[n]["t"], out[n]["x"], out[n]["y"], out[n]["p"] = now * tick, x[i], y[i], p[i] != 0
+        n += 1
+    s["dated"], s["last"], s["now"], s["held"] = dated, last, now, n_held
+    s["allowed"] = max(-silence, allowed)
+    return n

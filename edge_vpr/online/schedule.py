@@ -1,0 +1,111 @@
+"""Schedule of matches: after a number of events, at times, or when the place changes."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from edge_vpr.descriptors.windows import MAX_WINDOWS
+from edge_vpr.errors import UsageError
+from edge_vpr.events import TIME_LIMIT_US
+from edge_vpr.settings import Settings, duration_us
+
+
+@dataclass(frozen=True)
+class MatchSchedule:
+    """Schedule of matches or descriptors, by events, by time, or by both.
+
+    >>> MatchSchedule(interval_us=50_000)
+    MatchSchedule(events=0, interval_us=50000, change=False)
+    >>> MatchSchedule.parse("50ms", Settings()) == MatchSchedule(interval_us=50_000)
+    True
+
+    Parameters
+    ----------
+    events : int
+        Number of events at the selected pixels after which to match; 0: not by events.
+    interval_us : int
+        Match at every multiple of this time, before the events of that time; 0: not by time.
+    change : bool
+        Whether to report only matches whose place differs from the last reported one.
+    """
+
+    events: int = 0
+    interval_us: int = 0
+    change: bool = False
+
+    def __post_init__(self) -> None:
+        for name, kind in (("events", int), ("interval_us", int), ("change", bool)):
+            value = getattr(self, name)
+            if type(value) is not kind or value > TIME_LIMIT_US:
+                raise UsageError(
+                    f"matches with {name} = {value!r}: expected {kind.__name__}, at most "
+                    f"{TIME_LIMIT_US}"
+                )
+        if self.events < 0 or self.interval_us < 0 or not (self.events or self.interval_us):
+            raise UsageError(
+                f"a match every {self.events} events and every {self.interval_us} us: "
+                "expected a positive number of one of them"
+            )
+
+    @classmethod
+    def window(cls, settings: Settings) -> MatchSchedule:
+        """Return the schedule with a match at the end of each non-overlapping window."""
+        if settings.window == "time":
+            return cls(interval_us=settings.tau_us)
+        return cls(events=settings.events_per_window)
+
+    @classmethod
+    def parse(
+        cls, when: str | MatchSchedule | None, settings: Settings, default: str = "50ms"
+    ) -> MatchSchedule:
+        """Return the schedule of live matches with a map.
+
+        Parameters
+        ----------
+        when : str, MatchSchedule or None
+            ``event``, a number of events, a time such as ``10ms``, ``window``, or ``change``; None:
+            the default, or ``window`` with a delay.
+        settings : Settings
+            Settings of the map.
+        """
+        if isinstance(when, MatchSchedule):
+            return when
+        text = when or ("window" if settings.match_delay else default)
+        schedule = _read_every(text)
+        if schedule is not None and settings.match_delay:
+            raise UsageError(
+                f"every={text!r} with a delay of {settings.match_delay} windows, which gives a "
+                "match at the end of each window: leave every= out, or set delay=0"
+            )
+        return schedule or cls.window(settings)
+
+    def check_ticks(self, from_us: int, until_us: int) -> None:
+        """Raise UsageError if time jumps over more than a million intervals."""
+        if self.interval_us and (until_us - from_us) // self.interval_us > MAX_WINDOWS:
+            raise UsageError(
+                f"time jumps to {until_us} us, over more than {MAX_WINDOWS} times every "
+                f"{self.interval_us} us: check the recording's clock, or ask less often"
+            )
+
+
+def _read_every(text: str) -> MatchSchedule | None:
+    """Parse ``event``, a number of events, a time such as ``10ms``, ``window``, or ``change``.
+
+    Returns
+    -------
+    MatchSchedule or None
+        None for ``window``, whose length depends on the map or design.
+    """
+    if text == "window":
+        return None
+    if text in ("event", "change"):
+        return MatchSchedule(events=1, change=text == "change")
+    if text.isascii() and text.isdigit() and int(text) > 0:
+        return MatchSchedule(events=int(text))
+    try:
+        return MatchSchedule(interval_us=duration_us(text))
+    except UsageError:
+        raise UsageError(
+            f"every={text!r}: expected event, a number of events, a time such as 10ms, window, "
+            "or change"
+        ) from None
