@@ -148,9 +148,6 @@ static bool words_at_most(const uint16_t *words, uint32_t count, uint32_t most)
 static bool lookup_sound(const vpr_design_t *d, uint32_t width, uint32_t pixels)
 {
     uint32_t owned = 0U;
-    if (!words_at_most(d->displacement, d->height, d->lookup_mask)) {
-        return false;
-    }
     for (uint32_t at = 0U; at <= d->lookup_mask; at++) {
         const vpr_entry_t *const entry = &d->lookup[at];
         const uint32_t pixel = entry->pixel >> POLARITY_BITS;
@@ -227,8 +224,8 @@ ONCE bool vpr_open(vpr_design_t *d, const uint32_t *image, uint32_t image_bytes)
     d->trust = image[AT_TRUST];
     d->activity = image[AT_ACTIVITY];
     d->checksum = image[AT_CRC];
-    return lookup_sound(d, image[AT_WIDTH], image[AT_PIXELS]) && levels_sound(d) &&
-           places_sound(d);
+    return words_at_most(d->displacement, d->height, d->lookup_mask) &&
+           lookup_sound(d, image[AT_WIDTH], image[AT_PIXELS]) && levels_sound(d) && places_sound(d);
 }
 
 uint32_t vpr_ram_bytes(const vpr_design_t *d)
