@@ -363,6 +363,7 @@ def test_several_tolerances_are_judged_in_one_run(street, tmp_path):
     assert "9 m" in page
 
 
+@pytest.mark.filterwarnings("ignore::edge_vpr.errors.EdgeVprWarning")  # of the largest tolerance
 def test_the_points_of_the_curve_are_a_table_and_its_picture_is_always_there(street, tmp_path):
     pandas = pytest.importorskip("pandas")
     result = MatchResult.load(street / "results")

@@ -142,6 +142,7 @@ def run(args: argparse.Namespace) -> None:
         write_json,
     )
     from edge_vpr_tools.inputs import describe_faults, describe_removed, open_source, tracked
+    from edge_vpr_tools.report.page import number_of
 
     output = Path(args.output)
     # a map is read whole before it is written
@@ -211,7 +212,7 @@ def run(args: argparse.Namespace) -> None:
         windows = reference.windows
         summary(
             f"counted {windows.events.sum():,} events over {windows.end_us[-1] / 1e6:.1f} s in "
-            f"{seconds:.2f} s; {hot_pixels} hot pixels left out"
+            f"{seconds:.2f} s; {number_of(hot_pixels, 'hot pixel')} left out"
             f"{describe_removed(removed, reference.settings)}"
             f"{describe_faults(recording)}"
         )

@@ -357,7 +357,14 @@ def selected_pixels(reference: ReferenceMap) -> Figure:
         )
         y, x = np.nonzero(reference.hot)
         if x.size:
-            axes.scatter(x, y, s=30, marker="x", color=RED, label=f"{x.size} hot pixels, left out")
+            axes.scatter(
+                x,
+                y,
+                s=30,
+                marker="x",
+                color=RED,
+                label=f"{number_of(x.size, 'hot pixel')}, left out",
+            )
         bar = drawing.colorbar(image, ax=axes, shrink=0.8, location="bottom", aspect=30)
         bar.set_label(f"square root of the {what} of events per window")
         axes.set(xlabel="column (px)", ylabel="row (px)")
