@@ -78,6 +78,7 @@ class LiveLocaliser:
         self._losses = LossWatch(decoder.health)
         self._time = 0  # time that the localiser has reached
         self._heard_us = 0  # host's time of the newest bytes
+        self._dropped = False  # whether the host dropped bytes since the newest event
         self._unseen_us = 0  # for how long nothing was seen until the next event
         self._seen_us = 0  # time of the device until which something was seen before
         self.odometer_check = OdometerCheck()
@@ -137,15 +138,17 @@ class LiveLocaliser:
         self._heard_us = host_us
         events = decoder.feed(data, host_us)
         matched = 0
+        self._dropped = self._dropped or dropped > 0
         if self._localiser is not None:
             # a frame without events, or a state that was kept, tells the time too
             begin_us = int(events["t"][0]) if events.size else decoder.reached_us
             if self._unseen_us and (events.size or begin_us > self._seen_us):
                 self._go_unseen(self._localiser, early, begin_us)
                 matched = early.size
-            elif dropped and events.size:
+            elif self._dropped and events.size:
                 # no matches of time in which nothing was seen
                 self._localiser.skip_ticks(begin_us)
+            self._dropped = self._dropped and not events.size
         return self._match(join_events([early, events]), matched)
 
     def finish(self) -> LiveResult:

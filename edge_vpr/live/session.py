@@ -345,7 +345,7 @@ class LiveSession:
         self._state_file: StateFile | None = None
         if self._state is not None and reference is not None:
             self._state_file = StateFile(self._state, reference, self._every, self._say)
-        with contextlib.ExitStack() as stack:
+        with contextlib.ExitStack() as work, contextlib.ExitStack() as stack:
             self._reader = LinkReader(
                 self._open_link, address=self._address,
                 setup=decoder.setup(), teardown=decoder.teardown(),
@@ -359,16 +359,15 @@ class LiveSession:
                 self._odometer = OdometerReader(self._odometry, self._say, retry=self._reconnect)
                 stack.callback(self._odometer.stop)
             # last, so that a missing camera does not overwrite the run before
-            self._folder, self._drive = contextlib.ExitStack(), None
+            self._drive = None
             if self._learn is not None:
-                folder = self._folder.enter_context(work_folder(self._learn))
-                self._drive = folder / "drive.npz"
+                self._drive = work.enter_context(work_folder(self._learn)) / "drive.npz"
             self._recorder = Recorder(
                 self._record, self._drive, self.sensor, self.stop, self._say,
                 overwrite=self._overwrite,
             )  # fmt: skip
             stack.callback(self._recorder.close)
-            self._stack = stack.pop_all()
+            self._stack, self._work = stack.pop_all(), work.pop_all()
         self._line = LineWatch(self._reader, decoder, self._say)
         window_us = SILENT_S * 1e6
         if reference is not None and reference.settings.window == "time":
@@ -393,7 +392,7 @@ class LiveSession:
         if self._closed or not self._opened:
             return
         self._closed = True
-        with self._folder:
+        with self._work:
             self._end()
             if self._drive is not None and self._learn is not None and self._drive.exists():
                 self.learnt, self.update, self.removed = make_map(
@@ -524,6 +523,7 @@ class LiveSession:
             return self._end()
         chunk = reader.take(timeout)
         now = time.monotonic()
+        self.health.line_errors = reader.line_errors
         if chunk is None:
             return LiveStep(None, now, self._new_readings())
         self._line.heard(chunk.at_s)
@@ -576,7 +576,6 @@ class LiveSession:
     def _look(self, step: LiveStep) -> None:
         """Do what remains after a step: odometer, requests to the camera, and messages."""
         reader, decoder = self._reader, self.decoder
-        decoder.health.line_errors = reader.line_errors
         if step.result is not None and self._state_file is not None:
             self._state_file.keep(self._live, self._heard_us)
         if self._odometer is not None and (shown_mm := self._odometer.look()) is not None:

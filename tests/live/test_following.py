@@ -35,14 +35,16 @@ class Separate:
         self.bursts = CausalBurstFilter(SENSOR) if reference.settings.remove_bursts else None
         self.localiser = Localiser(reference, every=every)
         self.jump_us = max(JUMP_US, MOST_TICKS * every.interval_us or 1 << 62)
-        self.time = 0
+        self.time, self.dropped = 0, False
         self.log = [(-1, 0)]  # time, and losses known until then
 
     def feed(self, data, lost):
         parts = [self.decoder.gap(lost)] if lost else []
         newest = self.decoder.feed(data)
-        if lost and newest.size:
+        self.dropped = self.dropped or lost > 0
+        if self.dropped and newest.size:
             self.localiser.skip_ticks(int(newest["t"][0]))
+            self.dropped = False
         events = join_events([*parts, newest])
         return events, self.match(events, self.decoder.reached_us)
 
@@ -190,6 +192,24 @@ def test_a_stream_gives_the_results_of_its_events_whatever_comes_and_however_it_
     matches = matches.tobytes() + separate.localiser.finish().tobytes()
     assert (events, found) == (ended.tobytes(), matches)
     check_state(live._localiser)
+
+
+@pytest.mark.parametrize("first", [0, 1, 5])
+def test_time_of_dropped_bytes_has_no_matches_if_the_next_piece_has_no_whole_event(first):
+    rng, every = np.random.default_rng(7), MatchSchedule(interval_us=2_000)
+    reference = a_map(rng, "sequence", "time", remove_bursts=False)
+    begun = random_events(rng, 200, SENSOR, 20_000)
+    later = random_events(rng, 200, SENSOR, 20_000)
+    later["t"] += 100_000
+    encoder = open_encoder("evt2", SENSOR)
+    before, after = (encoder.encode(each) for each in (begun, later))
+    live = LiveLocaliser(open_decoder("evt2", SENSOR), reference, every, causal_bursts=True)
+    live.feed(before, 0)
+    pieces = [after[:first], after[first:]] if first else [after]
+    found = [live.feed(piece, 0, dropped=100 * (not i)).matches for i, piece in enumerate(pieces)]
+    times = np.concatenate([each["time_us"] for each in found])
+    assert times.size
+    assert times.min() >= 100_000
 
 
 @pytest.mark.parametrize("kind", ["sequence", "filter"])

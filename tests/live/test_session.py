@@ -669,7 +669,7 @@ def test_a_delay_gives_a_match_per_window_without_being_told_when(query, tmp_pat
     events = random_events(np.random.default_rng(0), 60_000, SENSOR, 3_000_000)
     reference = ReferenceMap.build(Drive(events, SENSOR), coded)
     asked = {"protocol": "evpr", "reference": reference, "delay": 2}
-    for settings in ({"smooth": True}, {"smooth": False, "every": "window"}):
+    for settings in ({}, {"smooth": False, "every": "window"}):
         with LiveSession(sent, **asked, **settings) as session:
             found.append([(match.place, match.time_s, match.host_us) for match in session])
     places = [[match[:2] for match in each] for each in found]
@@ -679,7 +679,7 @@ def test_a_delay_gives_a_match_per_window_without_being_told_when(query, tmp_pat
     apart_us = [after[2] - before[2] for before, after in pairwise(found[0])]
     assert any(abs(apart - 100_000) <= 1 for apart in apart_us)
     with pytest.raises(UsageError, match=r"a delay of 2 windows, .* leave every= out"):
-        LiveSession(sent, **asked, smooth=True, every="50ms")
+        LiveSession(sent, **asked, every="50ms")
 
 
 def test_a_map_in_place_of_a_port_is_called_a_map(route, tmp_path):
