@@ -15,7 +15,7 @@ from firmware_model.errors import DesignError
 from fixedpoint.activity import COSTS_BY_ACTIVITY, EVENTS_TOP, LOG_TOP, WEIGHT_BITS
 from fixedpoint.formats import UnsignedFormat
 from fixedpoint.limits import MAX_BITS, OWN_MEAN_BITS
-from fixedpoint.own_mean import FULL_SCALE, MEAN_BITS, OwnMeanCode
+from fixedpoint.own_mean import FULL_SCALE, MEAN_FRACTION_BITS, OwnMeanCode
 
 # Largest values of what a device computes, and fraction bits of its numbers.
 
@@ -25,14 +25,14 @@ FRACTION_BITS = 2
 #: largest metric and largest evidence
 METRIC_TOP, EVIDENCE_TOP = (1 << 10) - 1, (1 << 8) - 1
 #: fraction bits of the reciprocal of the spread, which is at most 1
-RECIPROCAL_BITS = 16
+RECIPROCAL_FRACTION_BITS = 16
 #: largest margin and largest residual that count
 MARGIN_TOP = RESIDUAL_TOP = 23
 #: fraction bits of the trust, and its largest value
-TRUST_BITS = 4
-TRUST_TOP = MARGIN_TOP << TRUST_BITS
+TRUST_FRACTION_BITS = 4
+TRUST_TOP = MARGIN_TOP << TRUST_FRACTION_BITS
 #: fraction bits of the mean number of events in a window
-ACTIVITY_BITS = 8
+ACTIVITY_FRACTION_BITS = 8
 #: bits of the activity of a place, a number with sign
 PLACE_ACTIVITY_BITS = 8
 #: level of each count of contrast codes: ``round(256 log2(1 + count))``
@@ -387,13 +387,13 @@ def formats_of(design: Design) -> dict[str, UnsignedFormat]:
     if design.pauses:
         found |= {
             "window_events": holding(EVENTS_TOP),
-            "activity": holding(EVENTS_TOP << ACTIVITY_BITS),
+            "activity": holding(EVENTS_TOP << ACTIVITY_FRACTION_BITS),
             "event_log": holding(LOG_TOP),
         }
     if design.contrast:
         found |= {
             "level": holding(LEVEL_TOP),
-            "mean": holding(LEVEL_TOP << MEAN_BITS),
+            "mean": holding(LEVEL_TOP << MEAN_FRACTION_BITS),
             "level_total": holding(LEVEL_TOP * design.slots),
         }
     if design.filters:
@@ -401,7 +401,7 @@ def formats_of(design: Design) -> dict[str, UnsignedFormat]:
         found |= {
             "place_activity": UnsignedFormat(PLACE_ACTIVITY_BITS),
             "distance_total": distance.sum_of(design.places),
-            "reciprocal": holding(1 << RECIPROCAL_BITS),
+            "reciprocal": holding(1 << RECIPROCAL_FRACTION_BITS),
             "evidence": holding(EVIDENCE_TOP),
             "weight": holding(1 << WEIGHT_BITS),
             "cost": holding(highest_cost),

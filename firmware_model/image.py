@@ -16,7 +16,7 @@ from math import prod
 from typing import Self
 
 from firmware_model.design import (
-    ACTIVITY_BITS,
+    ACTIVITY_FRACTION_BITS,
     FRACTION_BITS,
     LARGEST_SUM,
     LEVEL_TOP,
@@ -83,7 +83,7 @@ class Word(IntEnum):
     TRUST = 0, TRUST_TOP, "of the filter, least accepted trust; else 0"
     ACTIVITY = (
         0,
-        EVENTS_TOP << ACTIVITY_BITS,
+        EVENTS_TOP << ACTIVITY_FRACTION_BITS,
         "of the filter and of contrast codes, initial mean number of selected events of a window, "
         "in 1/256; else 0",
     )

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from firmware_model.design import ACTIVITY_BITS, LEVEL_TOP, PLACE_ACTIVITY_BITS, Design
+from firmware_model.design import ACTIVITY_FRACTION_BITS, LEVEL_TOP, PLACE_ACTIVITY_BITS, Design
 from firmware_model.errors import DesignError
 from fixedpoint.activity import EVENTS_TOP
 
@@ -114,7 +114,7 @@ class Memories:
                 f"means of {len(self.mean)} counters: contrast codes have one of each of "
                 f"{design.slots}, from 0 to {LEVEL_TOP}, and counts none"
             )
-        most = EVENTS_TOP << ACTIVITY_BITS if design.pauses else 0
+        most = EVENTS_TOP << ACTIVITY_FRACTION_BITS if design.pauses else 0
         if not 0 <= self.activity <= most:
             raise DesignError(f"activity = {self.activity}: expected 0 to {most}")
         half = 1 << (PLACE_ACTIVITY_BITS - 1)

@@ -1,7 +1,6 @@
 """Section 10 of docs/specification.md as a program: matching of drives on a computer only.
 
-Smoothing, delay, odometry, jumps and misfit extend the place filter of `specification`, and the
-codes of a recorded drive are taken against its own means.
+Smoothing, delay, odometry, jumps and misfit extend the place filter of `specification`.
 """
 
 from __future__ import annotations
@@ -16,19 +15,16 @@ from firmware_model.specification import (
     Filter,
     activity_of,
     advance,
-    differences_of,
     distance,
     is_pause,
     judge,
     margin_of,
     mean_activity_after,
-    own_mean_code,
     predict,
     row_of,
     search,
     transitions_by_steps,
     weight_of,
-    window_mean,
 )
 
 Rows = Sequence[Sequence[int]]
@@ -43,30 +39,6 @@ class DriveMatch(NamedTuple):
     second_sum: int | None
     ties: int
     trust: int
-
-
-def drive_codes(levels: Rows, pauses: Sequence[bool], bits: int, contrast: bool) -> list[list[int]]:
-    """Return the own-mean codes of a recorded drive, each against the mean of its counter.
-
-    Parameters
-    ----------
-    levels : sequences of int, shape (windows, slots)
-        Levels of all counters, in units of 1/256 octave.
-    pauses : sequence of bool, length windows
-        Windows that do not count for the means, unless all of them pause.
-    """
-    moving = [row for row, pause in zip(levels, pauses, strict=True) if not pause] or levels
-    number = len(moving)
-    # in units of 1/65,536 octave, as a device has them
-    means = [
-        256 * ((2 * sum(column) + number) // (2 * number)) for column in zip(*moving, strict=True)
-    ]
-    found = []
-    for row in levels:
-        differences = differences_of(row, means)
-        shared = window_mean(differences) if contrast else 0
-        found.append([own_mean_code(one - shared, bits) for one in differences])
-    return found
 
 
 # Odometry.

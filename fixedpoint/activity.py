@@ -39,8 +39,8 @@ HALF_PLACE_COSTS = (
 )  # fmt: skip
 #: cost of steps by the number of places per window
 COSTS_BY_ACTIVITY = {1: ACTIVITY_COSTS, 2: HALF_PLACE_COSTS}
-#: a row of `ACTIVITY_COSTS` spans ``2**ROW_BITS`` parts of an octave; the row of equal activity
-ROW_BITS, SAME_ROW = 3, 12
+#: a row of `ACTIVITY_COSTS` spans ``2**COST_ROW_SHIFT`` parts of an octave; row of equal activity
+COST_ROW_SHIFT, SAME_ROW = 3, 12
 #: evidence has no weight up to this activity, and all of it, ``2**WEIGHT_BITS``, an octave above
 WEIGHT_FROM, WEIGHT_BITS = -3 * PARTS, 3
 

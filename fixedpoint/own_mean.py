@@ -20,9 +20,9 @@ from fixedpoint.errors import FixedPointError
 from fixedpoint.limits import OWN_MEAN_BITS
 
 #: fraction bits of a logarithm: units of 1/256 octave
-LEVEL_BITS = 8
+LEVEL_FRACTION_BITS = 8
 #: additional fraction bits of a running mean over those of a logarithm
-MEAN_BITS = 8
+MEAN_FRACTION_BITS = 8
 #: the running mean moves by 1 / 2**shift of the difference: 1/16 at first, 1/256 in the end
 FIRST_SHIFT, LAST_SHIFT = 4, 8
 #: count at which the code saturates
@@ -39,7 +39,9 @@ def _levels() -> npt.NDArray[np.int32]:
     """Return ``round(256 log2(1 + c))`` of each count up to `FULL_SCALE`, in 10 ms."""
     # floor(x + 1/2) = floor((floor(2 x) + 1) / 2), and floor(log2 n) is the bit length less 1
     counts = range(1, FULL_SCALE + 2)
-    levels = np.array([(n ** (2 << LEVEL_BITS)).bit_length() // 2 for n in counts], np.int32)
+    levels = np.array(
+        [(n ** (2 << LEVEL_FRACTION_BITS)).bit_length() // 2 for n in counts], np.int32
+    )
     levels.setflags(write=False)
     return levels
 
@@ -92,8 +94,8 @@ class OwnMeanCode:
         rows, coded = (each.reshape(-1, counts.shape[-1]) for each in (counts, codes))
         for first in range(0, len(rows), _ROWS):
             part = slice(first, first + _ROWS)
-            rounded = self.fine(rows[part], mean) + (1 << (LEVEL_BITS - 1))
-            coded[part] = rounded >> LEVEL_BITS
+            rounded = self.fine(rows[part], mean) + (1 << (LEVEL_FRACTION_BITS - 1))
+            coded[part] = rounded >> LEVEL_FRACTION_BITS
         return codes
 
     def mean(self, counts: Integers) -> npt.NDArray[np.int32]:
@@ -144,16 +146,18 @@ class OwnMeanCode:
             0 to ``256 * (2**bits - 1)``.
         """
         deviations = self.level(counts) - mean
-        half = np.int64(1 << (self.bits - 1 + LEVEL_BITS))
+        half = np.int64(1 << (self.bits - 1 + LEVEL_FRACTION_BITS))
         relative = deviations - self.window_mean(deviations)[..., None]
-        return np.clip(relative + half, 0, ((1 << self.bits) - 1) << LEVEL_BITS)
+        return np.clip(relative + half, 0, ((1 << self.bits) - 1) << LEVEL_FRACTION_BITS)
 
     def decode(self, codes: Integers, mean: Integers) -> npt.NDArray[np.int64]:
         """Return a typical count for each code, for plots, of the same shape.
 
         Contrast codes have lost what all counters of a window share.
         """
-        octaves = codes.astype(np.float64) - (1 << (self.bits - 1)) + mean / (1 << LEVEL_BITS)
+        octaves = (
+            codes.astype(np.float64) - (1 << (self.bits - 1)) + mean / (1 << LEVEL_FRACTION_BITS)
+        )
         counts = np.rint(np.exp2(octaves) - 1)
         return np.clip(counts, 0, FULL_SCALE).astype(np.int64)
 
@@ -178,16 +182,18 @@ class RunningMean:
     """
 
     def __init__(self, mean: Integers) -> None:
-        self.total = np.asarray(mean, dtype=np.int32) << MEAN_BITS
+        self.total = np.asarray(mean, dtype=np.int32) << MEAN_FRACTION_BITS
         self.windows = 0
 
     @property
     def mean(self) -> npt.NDArray[np.int32]:
         """The mean in units of 1/256 octave, rounded to the nearest, shape (J,)."""
-        return (self.total + (1 << (MEAN_BITS - 1))) >> MEAN_BITS
+        return (self.total + (1 << (MEAN_FRACTION_BITS - 1))) >> MEAN_FRACTION_BITS
 
     def update(self, levels: Integers) -> None:
         """Update by the logarithms of one window, shape (J,), in units of 1/256 octave."""
         shift = min(((1 << FIRST_SHIFT) + self.windows).bit_length() - 1, LAST_SHIFT)
-        self.total = self.total + (((levels.astype(np.int32) << MEAN_BITS) - self.total) >> shift)
+        self.total = self.total + (
+            ((levels.astype(np.int32) << MEAN_FRACTION_BITS) - self.total) >> shift
+        )
         self.windows += 1

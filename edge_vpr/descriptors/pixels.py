@@ -19,7 +19,7 @@ from edge_vpr.errors import UsageError, expect, kind_of
 from edge_vpr.events import Sensor
 from edge_vpr.plugins import Registry
 from edge_vpr.settings import PLUGIN, STRATEGIES, Settings
-from fixedpoint.own_mean import LEVEL_BITS, OwnMeanCode
+from fixedpoint.own_mean import LEVEL_FRACTION_BITS, OwnMeanCode
 
 # Selection of a few pixels by their saliency.
 
@@ -486,7 +486,7 @@ def load_pixel_map(path: str | Path, sensor: Sensor) -> PixelMap:
 
 
 #: variance of a logarithm between drives at the same place: half an octave squared
-NOISE = 1 << (2 * LEVEL_BITS - 1)
+NOISE = 1 << (2 * LEVEL_FRACTION_BITS - 1)
 #: largest numbers of pixels and of windows that are used; if there are more, a subset is taken
 MOST_PIXELS, MOST_WINDOWS = 1 << 14, 1 << 11
 

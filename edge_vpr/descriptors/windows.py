@@ -259,7 +259,7 @@ def collect(windows: Iterable[WindowCounts], counters: int) -> Descriptors:
 #: a window with no event, or less than 1/16 of the mean number, is a pause: it has no evidence
 PAUSE_SHIFT = 4
 #: the mean number moves by 1/64 of the difference in each window; it has 8 fraction bits
-ACTIVITY_SHIFT, ACTIVITY_BITS = 6, 8
+ACTIVITY_SHIFT, ACTIVITY_FRACTION_BITS = 6, 8
 _LEAST_EVENTS = least_events()
 
 
@@ -285,7 +285,7 @@ def activity_of(events: int, mean_activity: int) -> int:
     """
     if events == 0:
         return -LOG_TOP
-    return log_activity(events) - log_activity(mean_activity >> ACTIVITY_BITS)
+    return log_activity(events) - log_activity(mean_activity >> ACTIVITY_FRACTION_BITS)
 
 
 def place_activity(
@@ -307,14 +307,14 @@ def place_activity(
     """
     logs = np.searchsorted(_LEAST_EVENTS, events, side="right")
     mean = activity_of_drive(events[::places_per_window])
-    relative = logs - plain(log_activity)(mean >> ACTIVITY_BITS)
+    relative = logs - plain(log_activity)(mean >> ACTIVITY_FRACTION_BITS)
     return np.clip(relative, PLACE_LOW, PLACE_HIGH).astype(np.int32)
 
 
 @kernel(inline="always")
 def is_pause(events: int, mean_activity: int) -> bool:
     """Return whether a window of `events` selected events is a pause."""
-    return events == 0 or events << (ACTIVITY_BITS + PAUSE_SHIFT) < mean_activity
+    return events == 0 or events << (ACTIVITY_FRACTION_BITS + PAUSE_SHIFT) < mean_activity
 
 
 @kernel(inline="always")
@@ -322,7 +322,7 @@ def mean_activity_after(mean_activity: int, events: int) -> int:
     """Return the mean number of events after a window, in units of 1/256 event."""
     # the shift rounds down, negative numbers too
     return mean_activity + (
-        ((min(events, EVENTS_TOP) << ACTIVITY_BITS) - mean_activity) >> ACTIVITY_SHIFT
+        ((min(events, EVENTS_TOP) << ACTIVITY_FRACTION_BITS) - mean_activity) >> ACTIVITY_SHIFT
     )
 
 
@@ -336,7 +336,10 @@ def activity_of_drive(events: npt.NDArray[np.integer]) -> int:
     events : ndarray of int, shape (n,)
         n of at least 1.
     """
-    return min((int(events.sum()) << ACTIVITY_BITS) // len(events), EVENTS_TOP << ACTIVITY_BITS)
+    return min(
+        (int(events.sum()) << ACTIVITY_FRACTION_BITS) // len(events),
+        EVENTS_TOP << ACTIVITY_FRACTION_BITS,
+    )
 
 
 def find_pauses(events: npt.NDArray[np.integer], mean_activity: int) -> npt.NDArray[np.bool_]:

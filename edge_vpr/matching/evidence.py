@@ -12,9 +12,9 @@ from fixedpoint.activity import WEIGHT_BITS, WEIGHT_FROM
 #: largest evidence: 8 bits
 EVIDENCE_TOP = (1 << 8) - 1
 #: fraction bits of the reciprocal of the spread
-RECIPROCAL_BITS = 16
+RECIPROCAL_FRACTION_BITS = 16
 #: shift of the product of this reciprocal and a weight that leaves the fraction bits of evidence
-FACTOR_SHIFT = RECIPROCAL_BITS - FRACTION_BITS + WEIGHT_BITS
+FACTOR_SHIFT = RECIPROCAL_FRACTION_BITS - FRACTION_BITS + WEIGHT_BITS
 
 
 @kernel
@@ -38,7 +38,7 @@ def reciprocal_of_spread(distances: npt.NDArray[np.integer]) -> int:
     spread = np.int64(0)
     for distance in distances:
         spread += abs(np.int64(distance) - mean)
-    return (1 << RECIPROCAL_BITS) // max(int(spread) // distances.size, 1)
+    return (1 << RECIPROCAL_FRACTION_BITS) // max(int(spread) // distances.size, 1)
 
 
 @kernel(inline="always")
@@ -71,7 +71,7 @@ def evidence_of(
     out : ndarray of uint8, shape (K,)
         Evidence against each place.
     """
-    shift = RECIPROCAL_BITS - FRACTION_BITS
+    shift = RECIPROCAL_FRACTION_BITS - FRACTION_BITS
     # larger differences saturate the evidence, and products up to this one fit into 32 bits
     most = np.int64((EVIDENCE_TOP << shift) // max(reciprocal, 1) + 1)
     least = np.int64(distances[0])

@@ -18,10 +18,10 @@ from edge_vpr.map_record import check_transitions
 from edge_vpr.route import MOST_MM
 from edge_vpr.settings import Settings
 from fixedpoint.activity import (
+    COST_ROW_SHIFT,
     COSTS_BY_ACTIVITY,
     PLACE_HIGH,
     PLACE_LOW,
-    ROW_BITS,
     SAME_ROW,
     WEIGHT_BITS,
 )
@@ -139,7 +139,7 @@ def write_costs(table: FilterTable, activity: int, out: Narrow) -> None:
     places, last_row = out.shape[1], len(table.costs) - 1
     rows = np.empty(places if last_row > 0 else 0, dtype=np.int16)
     for k in range(rows.size):
-        row = (activity - table.activity[k] + (1 << (ROW_BITS - 1))) >> ROW_BITS
+        row = (activity - table.activity[k] + (1 << (COST_ROW_SHIFT - 1))) >> COST_ROW_SHIFT
         rows[k] = min(max(row + SAME_ROW, 0), last_row)
     for i in range(out.shape[0]):
         of_row, of_step = table.costs[:, i], out[i]

@@ -28,7 +28,7 @@ from edge_vpr.matching.prediction import (
     write_costs,
 )
 from edge_vpr.matching.search import least_and_second
-from edge_vpr.matching.trust import FIRST_MISFIT, TRUST_BITS, window_misfit, write_trust
+from edge_vpr.matching.trust import FIRST_MISFIT, TRUST_FRACTION_BITS, window_misfit, write_trust
 
 #: Fields of `FilterMatch`, shape (m, 7), and costs of the best path through each place, (m, K).
 Late = tuple[npt.NDArray[np.int64], Metrics]
@@ -120,7 +120,9 @@ def smooth_windows(
     costs = np.empty((table.costs.shape[1], cost_to_go.size), dtype=np.int16)
     for i in range(len(rows.metrics) - 1, -1, -1):
         row, evidence = rows.columns[i], rows.evidence[i]
-        row[5] = match_summed(rows.metrics[i], cost_to_go, table.exclusion, row) << TRUST_BITS
+        row[5] = (
+            match_summed(rows.metrics[i], cost_to_go, table.exclusion, row) << TRUST_FRACTION_BITS
+        )
         row[6] = window_misfit(evidence, row[0], table.typical, rows.factor[i], rows.share[i])
         write_costs(table, np.int64(rows.activity[i]), costs)
         backward_step(cost_to_go, next_cost_to_go, table, costs, evidence)

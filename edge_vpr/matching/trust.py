@@ -28,11 +28,11 @@ from fixedpoint.activity import WEIGHT_BITS
 
 
 #: support, in units of 1/16 of a margin, moves by 1/4 of the difference in each window
-TRUST_SHIFT, TRUST_BITS = 2, 4
+TRUST_SHIFT, TRUST_FRACTION_BITS = 2, 4
 #: while the place stays the same, support falls by 1/16 in each window
 STANDING_SHIFT = 4
 #: margins and residuals are capped at 23, which bounds the influence of one window
-MARGIN_TOP = RESIDUAL_TOP = TRUST_TOP >> TRUST_BITS
+MARGIN_TOP = RESIDUAL_TOP = TRUST_TOP >> TRUST_FRACTION_BITS
 
 
 @kernel(inline="always")
@@ -66,7 +66,7 @@ def support_after(kept: int, stands: bool, margin: int) -> int:
         0 to `TRUST_TOP`, in units of 1/16 of a metric.
     """
     before, capped = np.int64(kept), np.int64(min(margin, MARGIN_TOP))
-    raised = before + (((capped << TRUST_BITS) - before) >> TRUST_SHIFT)
+    raised = before + (((capped << TRUST_FRACTION_BITS) - before) >> TRUST_SHIFT)
     if stands:
         raised = min(raised, before - (before >> STANDING_SHIFT))
     return int(raised)
@@ -97,7 +97,7 @@ def trust_of(support: int, residual: int) -> int:
     int
         0 to `TRUST_TOP`.
     """
-    return max(int(support) - (int(residual) << TRUST_BITS), 0)
+    return max(int(support) - (int(residual) << TRUST_FRACTION_BITS), 0)
 
 
 # Misfit.
@@ -157,7 +157,7 @@ def update_misfit(before: int, misfit: int, factor: int) -> int:
     """Return the running mean of `window_misfit` after a window, in units of 1/256 of a metric."""
     if factor == 0:
         return before
-    return before + (((misfit << (TRUST_BITS + MISFIT_BITS)) - before) >> RUNNING_SHIFT)
+    return before + (((misfit << (TRUST_FRACTION_BITS + MISFIT_BITS)) - before) >> RUNNING_SHIFT)
 
 
 @kernel(inline="always")
@@ -245,7 +245,7 @@ def smoothed_trust(
         Driven distance of each window.
     """
     mean = _mean_around(place, _standing(place, margin), travelled, transitions)
-    return np.maximum(mean - (_largest_around(residual) << TRUST_BITS), 0)
+    return np.maximum(mean - (_largest_around(residual) << TRUST_FRACTION_BITS), 0)
 
 
 def _largest_around(values: npt.NDArray[np.int64]) -> npt.NDArray[np.int64]:
@@ -302,5 +302,5 @@ def smoothed_misfit(
     first = np.maximum(np.arange(n) - MISFIT_NEIGHBOURS, 0)
     last = np.minimum(np.arange(n) + MISFIT_NEIGHBOURS + 1, n)
     summed, number = (total[last] - total[first] for total in totals)
-    mean = (summed << TRUST_BITS) // np.maximum(number, 1)
+    mean = (summed << TRUST_FRACTION_BITS) // np.maximum(number, 1)
     return np.where(number > 0, np.maximum(mean - MISFIT_ZERO, 0), 0)

@@ -23,7 +23,7 @@ from edge_vpr.descriptors.windows import FixedTime, Window
 from edge_vpr.errors import UsageError
 from edge_vpr.matching.distances import aligned_zeros
 from edge_vpr.online.sums import BLOCK, LANES, MAX_CHANGES, update_blocks
-from fixedpoint.own_mean import LEVEL_BITS, OwnMeanCode
+from fixedpoint.own_mean import LEVEL_FRACTION_BITS, OwnMeanCode
 
 # The state.
 
@@ -396,6 +396,6 @@ def write_codes(counts, contrast, out):
     for j in range(out.size):
         out[j] = levels[min(counts[j], levels.size - 1)] - means[j]
         total += out[j]
-    offset = np.int64(1 << (LEVEL_BITS - 1)) - (2 * total + out.size) // (2 * out.size)
+    offset = np.int64(1 << (LEVEL_FRACTION_BITS - 1)) - (2 * total + out.size) // (2 * out.size)
     for j in range(out.size):
-        out[j] = min(max((out[j] + offset) >> LEVEL_BITS, -half), half - 1) + half
+        out[j] = min(max((out[j] + offset) >> LEVEL_FRACTION_BITS, -half), half - 1) + half

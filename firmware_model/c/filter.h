@@ -17,14 +17,14 @@
 #define EVIDENCE_TOP 255U
 #define EVIDENCE_SHIFT 14U /* fraction bits of the reciprocal, less those of a metric */
 #define RECIPROCAL_ONE 0x10000U
-#define TRUST_BITS 4U
+#define TRUST_FRACTION_BITS 4U
 #define TRUST_SHIFT 2U
 #define MARGIN_TOP 23U
 #define STANDING_SHIFT 4U
 #define WEIGHT_BITS 3U
 #define WEIGHT_TOP 8U
-#define WEIGHT_FROM 48 /* activity below the mean from which on evidence has weight */
-#define ROW_BITS 3U
+#define WEIGHT_FROM (-48) /* activity against the mean, from which on evidence has weight */
+#define COST_ROW_SHIFT 3U
 #define ROW_ORIGIN 100 /* the row of the same activity is 12 times 8 from the first; half of 8 rounds */
 
 /* What a step to a place costs. */
@@ -62,7 +62,7 @@ static uint32_t moved(uint32_t value, uint32_t target, uint32_t shift)
 static inline uint32_t row_of(int32_t activity, int32_t of_place)
 {
     const int32_t above = activity - of_place;
-    return (above > 0) ? lesser((uint32_t)above >> ROW_BITS, ROWS - 1U) : 0U;
+    return (above > 0) ? lesser((uint32_t)above >> COST_ROW_SHIFT, ROWS - 1U) : 0U;
 }
 
 /* Cost of the cheapest path to a place by any step: metrics at and below it have not changed yet. */
@@ -210,7 +210,7 @@ static void advance_paused(const vpr_design_t *d, vpr_state_t *s, const costs_t 
 /* How many eighths of the evidence of a window count that does not pause. */
 static uint32_t weight_of(int32_t activity)
 {
-    const int32_t above = activity + WEIGHT_FROM;
+    const int32_t above = activity - WEIGHT_FROM;
     return (above > 0) ? lesser((uint32_t)above >> 1, WEIGHT_TOP) : 0U;
 }
 
@@ -282,13 +282,13 @@ static void trust(const vpr_design_t *d, vpr_state_t *s, uint32_t residual, vpr_
     const bool follows = (s->place != VPR_NONE) && ((m->place - s->place) < d->steps);
     const uint32_t kept = follows ? s->support : 0U;
     const uint32_t stood = kept - (kept >> STANDING_SHIFT);
-    s->support = moved(kept, lesser(margin, MARGIN_TOP) << TRUST_BITS, TRUST_SHIFT);
+    s->support = moved(kept, lesser(margin, MARGIN_TOP) << TRUST_FRACTION_BITS, TRUST_SHIFT);
     if (m->place == s->place) {
         s->support = lesser(s->support, stood); /* repeated views add no information */
     }
     s->place = m->place;
     uint32_t worst = (s->residual > s->residual_before) ? s->residual : s->residual_before;
-    worst = ((residual > worst) ? residual : worst) << TRUST_BITS;
+    worst = ((residual > worst) ? residual : worst) << TRUST_FRACTION_BITS;
     m->trust = s->support - lesser(s->support, worst);
     s->residual_before = s->residual;
     s->residual = residual;

@@ -15,14 +15,14 @@
 #define POLARITY_BITS 1U /* that an entry of the look-up has not */
 #define CONTRAST_COUNT_MAX 1023U /* at which counters of contrast codes saturate */
 #define LEVEL_MAX 2560U           /* its logarithm in units of 1/256 octave */
-#define LEVEL_BITS 8U
+#define LEVEL_FRACTION_BITS 8U
 #define LEVEL_HALF 128U
-#define MEAN_BITS 8U
+#define MEAN_FRACTION_BITS 8U
 #define MEAN_HALF 128U
 #define FIRST_SHIFT 4U /* a running mean moves by 1/16 at first, by 1/256 in the end */
 #define LAST_SHIFT 8U
 #define EVENTS_TOP 0x7FFFFFU
-#define ACTIVITY_BITS 8U
+#define ACTIVITY_FRACTION_BITS 8U
 #define ACTIVITY_SHIFT 6U
 #define PAUSE_BITS 12U /* of a number of events less than 1/16 of the mean */
 #define LEAST_ACTIVITY (-368) /* of no events, against the most */
@@ -63,7 +63,7 @@ static bool adaptive_within_limits(const uint32_t *image)
     const bool filters = image[AT_PLACES_PER_WINDOW] != 0U;
     const uint32_t of_filter = image[AT_RESTART] | image[AT_TRUST];
     const uint32_t activity_max =
-        (filters || (image[AT_CONTRAST] != 0U)) ? (EVENTS_TOP << ACTIVITY_BITS) : 0U;
+        (filters || (image[AT_CONTRAST] != 0U)) ? (EVENTS_TOP << ACTIVITY_FRACTION_BITS) : 0U;
     return (filters ? (image[AT_LENGTH] == 1U) : (of_filter == 0U)) &&
            (image[AT_ACTIVITY] <= activity_max);
 }
@@ -287,7 +287,7 @@ ONCE void vpr_reset(const vpr_design_t *d, vpr_state_t *s, uint32_t *ram, uint32
     s->residual = 0U;
     s->residual_before = 0U;
     for (uint32_t i = 0U; d->contrast && (i < d->slots); i++) {
-        s->mean[i] = (uint32_t)d->mean[i] << MEAN_BITS;
+        s->mean[i] = (uint32_t)d->mean[i] << MEAN_FRACTION_BITS;
     }
 }
 
@@ -375,7 +375,7 @@ uint32_t vpr_time(const vpr_design_t *d, const vpr_state_t *s, uint32_t t)
 
 static uint32_t rounded_mean(const vpr_state_t *s, uint32_t slot)
 {
-    return (s->mean[slot] + MEAN_HALF) >> MEAN_BITS;
+    return (s->mean[slot] + MEAN_HALF) >> MEAN_FRACTION_BITS;
 }
 
 /* Mean over the window of the logarithms less their counters' means, rounded, of a design with contrast codes. No
@@ -395,7 +395,7 @@ static void contrast_codes(const vpr_design_t *d, vpr_state_t *s)
 {
     const uint32_t code_max = d->code_max;
     /* codes have no sign: half of their range is added */
-    const uint32_t half = (((code_max + 1U) / 2U) << LEVEL_BITS) + LEVEL_HALF + LEVEL_MAX;
+    const uint32_t half = (((code_max + 1U) / 2U) << LEVEL_FRACTION_BITS) + LEVEL_HALF + LEVEL_MAX;
     const uint32_t of_window = window_mean(d, s);
     const uint32_t shift = s->mean_shift;
     const uint16_t *const levels = d->level;
@@ -403,11 +403,11 @@ static void contrast_codes(const vpr_design_t *d, vpr_state_t *s)
         const uint32_t level = levels[s->counts[i]];
         const uint32_t mean = rounded_mean(s, i) + of_window;
         const uint32_t above = level + half;
-        const uint32_t octaves = ((above > mean) ? (above - mean) : 0U) >> LEVEL_BITS;
+        const uint32_t octaves = ((above > mean) ? (above - mean) : 0U) >> LEVEL_FRACTION_BITS;
         s->query[i] = (uint8_t)lesser(octaves, code_max);
         s->counts[i] = 0U;
         if (!s->paused) {
-            s->mean[i] = moved(s->mean[i], level << MEAN_BITS, shift);
+            s->mean[i] = moved(s->mean[i], level << MEAN_FRACTION_BITS, shift);
         }
     }
     if (!s->paused && (shift < LAST_SHIFT)) {
@@ -445,9 +445,9 @@ static void take_activity(const vpr_design_t *d, vpr_state_t *s)
     const uint32_t below = (s->mean_activity > 0U) ? (s->mean_activity - 1U) : 0U; /* without events: it does */
     s->activity = (events == 0U) ? LEAST_ACTIVITY
                                  : ((int32_t)event_log(events) -
-                                    (int32_t)event_log(s->mean_activity >> ACTIVITY_BITS));
+                                    (int32_t)event_log(s->mean_activity >> ACTIVITY_FRACTION_BITS));
     s->paused = events <= (below >> PAUSE_BITS);
-    s->mean_activity = moved(s->mean_activity, events << ACTIVITY_BITS, ACTIVITY_SHIFT);
+    s->mean_activity = moved(s->mean_activity, events << ACTIVITY_FRACTION_BITS, ACTIVITY_SHIFT);
 }
 
 void vpr_window_end(const vpr_design_t *d, vpr_state_t *s)

@@ -55,12 +55,12 @@ module vpr_sequence #(
             always_ff @(posedge clk_i) if (distance_valid_i) sum_inverse_q <= ~(SUM_BITS'(distance_i));
         end else begin : g_diagonal
             localparam int ADDRESS_BITS = $clog2(LENGTH * PLACES);
-            localparam int ROW_BITS     = $clog2(LENGTH);
+            localparam int NEWEST_BITS  = $clog2(LENGTH);
             // one row and one place back; from the first row, to the last
             localparam logic [ADDRESS_BITS-1:0] BACK    = ADDRESS_BITS'(-(PLACES + 1));
             localparam logic [ADDRESS_BITS-1:0] WRAPPED = ADDRESS_BITS'((LENGTH - 1) * PLACES - 1);
 
-            logic [ROW_BITS-1:0]      newest_q, row_q;
+            logic [NEWEST_BITS-1:0]   newest_q, row_q;
             logic [ADDRESS_BITS-1:0]  write_address_q, read_address_q;
             logic [LENGTH_BITS-1:0]   terms_q;
             logic                     first_valid, term_valid, term_last;
@@ -69,9 +69,9 @@ module vpr_sequence #(
             // a term comes from the memory
             logic                     past_valid_q, past_last_q;
 
-            wire                     newest_last = newest_q == ROW_BITS'(LENGTH - 1);
+            wire                     newest_last = newest_q == NEWEST_BITS'(LENGTH - 1);
             wire                     reading     = terms_q != 0;
-            wire [ROW_BITS-1:0]      here_row    = distance_valid_i ? newest_q : row_q;
+            wire [NEWEST_BITS-1:0]   here_row    = distance_valid_i ? newest_q : row_q;
             wire [ADDRESS_BITS-1:0]  here        = distance_valid_i ? write_address_q : read_address_q;
             wire [ADDRESS_BITS-1:0]  back        = here_row == 0 ? WRAPPED : BACK;
             wire [SUM_BITS-1:0] added       = partial_q + SUM_BITS'(term);
@@ -86,7 +86,7 @@ module vpr_sequence #(
                 else if (distance_valid_i) write_address_q <= write_address_q + 1'b1;
                 if (distance_valid_i) terms_q <= LENGTH_BITS'(LENGTH - 1);
                 else if (reading) terms_q <= terms_q - 1'b1;
-                row_q          <= here_row == 0 ? ROW_BITS'(LENGTH - 1) : here_row - 1'b1;
+                row_q          <= here_row == 0 ? NEWEST_BITS'(LENGTH - 1) : here_row - 1'b1;
                 read_address_q <= here + back;
                 past_valid_q   <= reading;
                 past_last_q    <= terms_q == 1;
@@ -94,7 +94,7 @@ module vpr_sequence #(
                 else if (term_valid) partial_q <= added;
                 if (sum_next) sum_inverse_q <= ~added;
                 if (rst_i) begin
-                    newest_q     <= ROW_BITS'(LENGTH - 1);
+                    newest_q     <= NEWEST_BITS'(LENGTH - 1);
                     terms_q      <= '0;
                     past_valid_q <= 1'b0;
                 end

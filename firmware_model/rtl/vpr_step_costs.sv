@@ -24,12 +24,12 @@ module vpr_step_costs #(
     input  logic [PLACE_BITS-1:0]      place_i,
     output logic [STEPS*COST_BITS-1:0] costs_o
 );
-    localparam int ROWS     = 17;
-    localparam int ROW_BITS = 6;
+    localparam int ROWS            = 17;
+    localparam int DIFFERENCE_BITS = 6;
 
     // The address is the difference in quarters of an octave, of 6 bits with sign
     (* ram_style = "block" *)
-    logic [STEPS*COST_BITS-1:0] rows[0:(1<<ROW_BITS)-1];
+    logic [STEPS*COST_BITS-1:0] rows[0:(1<<DIFFERENCE_BITS)-1];
 
     function automatic [COST_BITS-1:0] cost_at(input integer address, input integer step);
         integer quarters, row;
@@ -48,11 +48,11 @@ module vpr_step_costs #(
 
     integer at;
     initial
-        for (at = 0; at < (1 << ROW_BITS); at = at + 1)
+        for (at = 0; at < (1 << DIFFERENCE_BITS); at = at + 1)
             rows[at] = row_at(at);
 
-    logic [7:0]          of_place;
-    logic [ROW_BITS-1:0] difference_q;
+    logic [7:0]                 of_place;
+    logic [DIFFERENCE_BITS-1:0] difference_q;
 
     vpr_rom #(
         .DEPTH(PLACES), .BITS(8), .ADDRESS_BITS(PLACE_BITS), .FILE("place_activity.mem"),
@@ -68,7 +68,7 @@ module vpr_step_costs #(
 
     always_ff @(posedge clk_i) begin
         // beyond 8 octaves it is as far as 6 bits can tell, which is behind the last row
-        difference_q <= fits ? ~less[7:2] : {!less[9], {(ROW_BITS - 1){less[9]}}};
+        difference_q <= fits ? ~less[7:2] : {!less[9], {(DIFFERENCE_BITS - 1){less[9]}}};
         costs_o      <= rows[difference_q];
     end
 

@@ -5,15 +5,15 @@ from __future__ import annotations
 from collections import Counter
 
 from firmware_model.design import (
-    ACTIVITY_BITS,
+    ACTIVITY_FRACTION_BITS,
     EVIDENCE_TOP,
     FRACTION_BITS,
     LEVELS,
     MARGIN_TOP,
     METRIC_TOP,
-    RECIPROCAL_BITS,
+    RECIPROCAL_FRACTION_BITS,
     RESIDUAL_TOP,
-    TRUST_BITS,
+    TRUST_FRACTION_BITS,
     Design,
 )
 from firmware_model.memories import Lookup
@@ -33,7 +33,7 @@ from firmware_model.specification import (
 )
 from firmware_model.vectors.case import Case
 from fixedpoint.activity import ACTIVITY_COSTS, SAME_ROW
-from fixedpoint.own_mean import FIRST_SHIFT, LEVEL_BITS, MEAN_BITS
+from fixedpoint.own_mean import FIRST_SHIFT, LEVEL_FRACTION_BITS, MEAN_FRACTION_BITS
 
 #: name of each corner, and what is counted as one occurrence of it
 CORNERS = {
@@ -316,16 +316,16 @@ class FilterCoverage:
         found["pause"] += paused and not first
         found["pause_with_events"] += paused and self.machine.counted > 0
         counted, mean_activity = self.machine.counted, self.machine.kept.mean_activity
-        threshold = counted << (ACTIVITY_BITS + 4)
+        threshold = counted << (ACTIVITY_FRACTION_BITS + 4)
         found["pause_at_threshold"] += counted > 0 and mean_activity == threshold + 1
         found["pause_by_two"] += counted > 0 and mean_activity == threshold + 2
         found["pause_by_eight_events"] += counted > 0 and (
-            mean_activity == threshold + (8 << ACTIVITY_BITS)
+            mean_activity == threshold + (8 << ACTIVITY_FRACTION_BITS)
         )
         found["busy_at_threshold"] += counted > 0 and mean_activity == threshold
         found["long_pause"] += paused and self._paused
         self._paused = paused
-        bits = (mean_activity >> ACTIVITY_BITS).bit_length()
+        bits = (mean_activity >> ACTIVITY_FRACTION_BITS).bit_length()
         if not first and bits in LARGE_MEANS:
             found[f"mean_of_{bits}_bits"] += 1
         found["events_above_16_bits"] += counted > 0xFFFF
@@ -345,7 +345,7 @@ class FilterCoverage:
             return
         found[f"weight_{weight_of(window.activity)}"] += 1
         found["spread_of_nothing"] += design.places > 1 and len(set(distances)) == 1
-        one = 1 << RECIPROCAL_BITS
+        one = 1 << RECIPROCAL_FRACTION_BITS
         scale = self.machine.kept.filter.reciprocal or one // spread_of(distances)
         least = min(distances)
         found["spread_of_one"] += (
@@ -398,7 +398,7 @@ class FilterCoverage:
         if match.second_sum is not None:
             found["margin_limited"] += match.second_sum - match.sum > MARGIN_TOP
         found["residual_limited"] += residuals[0] == RESIDUAL_TOP and after.support > 0
-        found["trust_of_nothing"] += after.support < worst << TRUST_BITS
+        found["trust_of_nothing"] += after.support < worst << TRUST_FRACTION_BITS
         for name, residual in zip(_OF_RESIDUALS, residuals, strict=True):
             found[name] += (
                 match.trust != 0 and residuals.count(worst) == 1 and residual == worst > 0
@@ -415,10 +415,12 @@ class FilterCoverage:
         found["window_mean_rounded_up"] += exact > sum(differences)
         found["window_mean_rounded_down"] += exact < sum(differences)
         for slot, level in enumerate(levels):
-            octaves = (differences[slot] - shared + (1 << (LEVEL_BITS - 1))) >> LEVEL_BITS
+            octaves = (
+                differences[slot] - shared + (1 << (LEVEL_FRACTION_BITS - 1))
+            ) >> LEVEL_FRACTION_BITS
             found["code_at_the_bottom"] += octaves + half < 0
             found["code_at_the_top"] += octaves + half >= 2 * half
-            difference = (level << MEAN_BITS) - kept.means[slot]
+            difference = (level << MEAN_FRACTION_BITS) - kept.means[slot]
             if window.paused:
                 found["mean_held"] += difference != 0
                 continue

@@ -9,7 +9,14 @@ from itertools import product
 
 import numpy as np
 
-from firmware_model.design import ACTIVITY_BITS, LARGEST_SUM, LEVEL_TOP, LEVELS, TRUST_TOP, Design
+from firmware_model.design import (
+    ACTIVITY_FRACTION_BITS,
+    LARGEST_SUM,
+    LEVEL_TOP,
+    LEVELS,
+    TRUST_TOP,
+    Design,
+)
 from firmware_model.memories import Memories
 from firmware_model.specification import (
     activity_of,
@@ -21,8 +28,14 @@ from firmware_model.specification import (
 )
 from firmware_model.vectors.case import Case, Stream, choose_pixels
 from firmware_model.vectors.corners import adaptive_event_cases
-from fixedpoint.activity import EVENTS_TOP, LOG_TOP, PARTS, PLACE_LOW, ROW_BITS, SAME_ROW
-from fixedpoint.own_mean import FIRST_SHIFT, LAST_SHIFT, LEVEL_BITS, MEAN_BITS, RunningMean
+from fixedpoint.activity import COST_ROW_SHIFT, EVENTS_TOP, LOG_TOP, PARTS, PLACE_LOW, SAME_ROW
+from fixedpoint.own_mean import (
+    FIRST_SHIFT,
+    LAST_SHIFT,
+    LEVEL_FRACTION_BITS,
+    MEAN_FRACTION_BITS,
+    RunningMean,
+)
 
 
 def filter_cases(design: Design) -> list[Case]:
@@ -181,7 +194,7 @@ def long_window(design: Design) -> Case:
         ]
     stream = Stream.showing(design, shown)
     places = stream.shown_codes()[-2:] * 2
-    return stream.case("long_window", places, activity=100 << ACTIVITY_BITS)
+    return stream.case("long_window", places, activity=100 << ACTIVITY_FRACTION_BITS)
 
 
 def _limits(design: Design) -> list[Case]:
@@ -195,7 +208,7 @@ def _limits(design: Design) -> list[Case]:
     first = counts_at(design, 0)[1]
     if design.window == "count":
         first = max(counts_at(design, place)[1] for place in every)
-    at_first = min(first << (ACTIVITY_BITS + 4), 0x7FFF_FEFF)
+    at_first = min(first << (ACTIVITY_FRACTION_BITS + 4), 0x7FFF_FEFF)
     return [
         drive("pause_at_threshold", design, every, None, at),
         drive("busy_at_threshold", design, every, None, at - 1),
@@ -205,7 +218,7 @@ def _limits(design: Design) -> list[Case]:
         drive("first_pauses", design, every, None, at_first + 1),
         drive(
             "pause_by_eight_events", design, every, None,
-            _activity_at_limit(design, 6, above=8 << ACTIVITY_BITS),
+            _activity_at_limit(design, 6, above=8 << ACTIVITY_FRACTION_BITS),
         ),
     ]  # fmt: skip
 
@@ -225,7 +238,7 @@ def _activity_at_limit(design: Design, window: int, above: int = 1) -> int:
             mean_activity = mean_activity_after(mean_activity, number)
         return is_pause(events[window], mean_activity - above + 1)
 
-    return bisect_left(range(EVENTS_TOP << ACTIVITY_BITS), True, key=pauses)
+    return bisect_left(range(EVENTS_TOP << ACTIVITY_FRACTION_BITS), True, key=pauses)
 
 
 def _activities(design: Design) -> list[Case]:
@@ -285,7 +298,7 @@ def _among_any_activity(
 ) -> list[Case]:
     """Make a drive of each design and route, among places of any activity."""
     mean_activity = (
-        max(counts_at(design, place)[1] for place in range(design.places)) << ACTIVITY_BITS
+        max(counts_at(design, place)[1] for place in range(design.places)) << ACTIVITY_FRACTION_BITS
     )
     cases = []
     for name, (variant, route) in variants.items():
@@ -300,7 +313,7 @@ def _weights(design: Design) -> Case:
     """Show windows of as many events while the mean activity falls: evidence has every weight."""
     design = replace(design, code="counts", code_bits=5, window_events=24)
     design = replace(design, exclusion=0)
-    events, mean_activity = 24, 24 * 9 << ACTIVITY_BITS
+    events, mean_activity = 24, 24 * 9 << ACTIVITY_FRACTION_BITS
     shown = [[events - number % 3, *[0] * (design.slots - 1)] for number in range(110)]
     if design.slots > 1:
         for number, counts in enumerate(shown):
@@ -325,7 +338,7 @@ def _place_apart(design: Design, activity: int, apart: dict[int, int]) -> Memori
     rest, places = [0] * (design.slots - 1), range(design.places)
     codes = [[_APART_COUNT if place == _APART else 0, *rest] for place in places]
     return Memories(
-        design, choose_pixels(design), codes, activity=_APART_EVENTS << ACTIVITY_BITS,
+        design, choose_pixels(design), codes, activity=_APART_EVENTS << ACTIVITY_FRACTION_BITS,
         place_activity=[apart.get(place, activity) for place in places],
     )  # fmt: skip
 
@@ -339,7 +352,7 @@ def _numbers(name: str, memories: Memories, shown: Sequence[int]) -> Case:
 
 def _weights_of_far_places(design: Design) -> Case:
     """Show the place apart in windows of many weights; the others have the most evidence."""
-    mean_activity, shown = _APART_EVENTS << ACTIVITY_BITS, []
+    mean_activity, shown = _APART_EVENTS << ACTIVITY_FRACTION_BITS, []
     for weight in (8, 3, 8, 4, 5, 6, 7, 8):
         numbers = range(_APART_COUNT, 4 * _APART_EVENTS)
         shown.append(next(n for n in numbers if weight_of(activity_of(n, mean_activity)) == weight))
@@ -385,7 +398,7 @@ def _tabulated_costs(design: Design) -> list[Case]:
             memories = _place_apart(replace(design, exclusion=zone), 127, apart)
             mean_activity, shown = memories.activity, []
             for row, which in product(rows, (0, -1)):
-                shown.append(max(_APART_COUNT, mean_activity >> (ACTIVITY_BITS + 2)))
+                shown.append(max(_APART_COUNT, mean_activity >> (ACTIVITY_FRACTION_BITS + 2)))
                 mean_activity = mean_activity_after(mean_activity, shown[-1])
                 fitting = [
                     events
@@ -408,15 +421,15 @@ def _logarithms(design: Design) -> Case:
     design = replace(design, window="time", places=1, exclusion=0)
     staying = [steps[0] for steps in design.step_costs]
     row = next(row for row, cost in enumerate(staying) if cost > staying[0])
-    edge = ((row - SAME_ROW) << ROW_BITS) - (1 << ROW_BITS - 1) + PLACE_LOW
+    edge = ((row - SAME_ROW) << COST_ROW_SHIFT) - (1 << COST_ROW_SHIFT - 1) + PLACE_LOW
     memories = Memories(
-        design, choose_pixels(design), [[0] * design.slots], activity=EVENTS_TOP << ACTIVITY_BITS,
-        place_activity=[PLACE_LOW],
+        design, choose_pixels(design), [[0] * design.slots],
+        activity=EVENTS_TOP << ACTIVITY_FRACTION_BITS, place_activity=[PLACE_LOW],
     )  # fmt: skip
     mean, last, shown = memories.activity, LOG_TOP, [1]
     while last > LOG_TOP - 5 * PARTS:
         mean = mean_activity_after(mean, shown[-1])
-        log = ilog(mean >> ACTIVITY_BITS)
+        log = ilog(mean >> ACTIVITY_FRACTION_BITS)
         least = bisect_left(range(EVENTS_TOP), log + edge, key=ilog)
         shown.append(least - log % 2 if log < last and log % 3 == 0 else 1)
         last = log
@@ -485,7 +498,7 @@ def _halves(design: Design) -> list[Case]:
     """
     if design.slots < 4 or design.window == "count":
         return []
-    half = 1 << (MEAN_BITS - 1)
+    half = 1 << (MEAN_FRACTION_BITS - 1)
     # the others are always at their means
     octave, rest = (LEVELS[3], (3, 3, 1)), (LEVELS[3], (3, 3, 3))
     chosen = [_counts_to_half(half), _counts_to_half(half - 1), octave]
@@ -500,7 +513,7 @@ def _counts_to_half(end: int) -> tuple[int, tuple[int, int, int]]:
 
     The third count has another code if the mean is rounded to the other side.
     """
-    levels, unit, counts = LEVELS, 1 << LEVEL_BITS, range(1, 60)
+    levels, unit, counts = LEVELS, 1 << LEVEL_FRACTION_BITS, range(1, 60)
     pairs = list(product(counts[:7], counts[:7]))
     totals = np.empty((3 * unit, len(pairs)), np.int64)  # of all means at once
     for column, pair in enumerate(pairs):
@@ -508,8 +521,8 @@ def _counts_to_half(end: int) -> tuple[int, tuple[int, int, int]]:
         for count in pair:
             running.update(np.array(levels[count]))
         totals[:, column] = running.total
-    for mean, column in np.argwhere(totals % (1 << MEAN_BITS) == end).tolist():
-        whole = int(totals[mean, column]) >> MEAN_BITS
+    for mean, column in np.argwhere(totals % (1 << MEAN_FRACTION_BITS) == end).tolist():
+        whole = int(totals[mean, column]) >> MEAN_FRACTION_BITS
         for count in counts:
             if (levels[count] - whole) % unit == unit // 2 and 0 <= levels[count] - whole < unit:
                 return mean, (*pairs[column], count)

@@ -6,7 +6,7 @@ from bisect import bisect_left
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 
-from firmware_model.design import ACTIVITY_BITS, Design
+from firmware_model.design import ACTIVITY_FRACTION_BITS, Design
 from firmware_model.specification import ilog
 from firmware_model.vectors.case import Case, Stream
 from firmware_model.vectors.filter_corners import evidence_cases, long_window
@@ -63,7 +63,7 @@ def _wide_residual(design: Design) -> Case:
 
     stream = Stream.showing(design, map(window, (between, near, between, near, between, far)))
     places = [[*codes, *rest, 255] for codes in [far] * (design.places - 1) + [near]]
-    return stream.case("wide_residual", places, activity=17_000 << ACTIVITY_BITS)
+    return stream.case("wide_residual", places, activity=17_000 << ACTIVITY_FRACTION_BITS)
 
 
 def _shown(
@@ -104,7 +104,7 @@ def _logarithms(design: Design) -> list[LongWindow]:
         (EVENTS_TOP + 2, least[1], 14),
     ):
         # before the empty window, behind which it is less by 1/64
-        activity = -(-(mean_activity << ACTIVITY_BITS) * 64 // 63)
+        activity = -(-(mean_activity << ACTIVITY_FRACTION_BITS) * 64 // 63)
         # the row of this activity is the last that has its cost of staying
         case = stream.case("", [[0] * design.slots], activity=activity, place_activity=[edge + 21])
         found.append(LongWindow(case, events))

@@ -22,7 +22,6 @@ from firmware_model.specification import (
     own_mean_code,
     window_mean,
 )
-from firmware_model.specification_drive import drive_codes
 from fixedpoint.errors import FixedPointError
 from fixedpoint.own_mean import OwnMeanCode, RunningMean
 
@@ -95,6 +94,25 @@ def test_the_running_mean_equals_the_oracle(levels, mean):
     expected = means_before([levels], [mean])
     assert [[256 * one] for one in (*found, int(running.mean[0]))] == rounded(expected)
     assert min([mean, *levels]) - 1 <= running.mean[0] <= max([mean, *levels]) + 1
+
+
+def drive_codes(levels, pauses, bits, contrast):
+    """Own-mean codes of a recorded drive, against the means of its windows that do not pause.
+
+    If all of them pause, all count. `levels` are by window, in units of 1/256 octave.
+    """
+    moving = [row for row, pause in zip(levels, pauses, strict=True) if not pause] or levels
+    number = len(moving)
+    # in units of 1/65,536 octave, as a device has them
+    means = [
+        256 * ((2 * sum(column) + number) // (2 * number)) for column in zip(*moving, strict=True)
+    ]
+    found = []
+    for row in levels:
+        differences = differences_of(row, means)
+        shared = window_mean(differences) if contrast else 0
+        found.append([own_mean_code(one - shared, bits) for one in differences])
+    return found
 
 
 @given(seed=st.integers(0, 2**32), windows=st.integers(1, 20), contrast=st.booleans())
