@@ -17,8 +17,9 @@ from edge_vpr.descriptors.windows import Descriptors
 from edge_vpr.errors import MapError, UsageError, expect
 from edge_vpr.map_record import MapRecord
 from edge_vpr.matching.distances import BLOCK_DISTANCES, ReferenceIndex
+from edge_vpr.matching.filter_match import MISFIT, PLACE, TRUST, FilterMatch
 from edge_vpr.matching.matches import CANDIDATES, Matches
-from edge_vpr.matching.place_filter import FilterMatch, PlaceFilter, WindowRows
+from edge_vpr.matching.place_filter import PlaceFilter, WindowRows
 from edge_vpr.matching.prediction import Metrics, Travelled, check_no_transitions
 from edge_vpr.matching.search import nearest_places
 from edge_vpr.matching.sequences import match_by_sequences, sequence_distances
@@ -202,20 +203,21 @@ def _smooth(drive: _Drive, found: FilteredDrive) -> None:
         end = min(begin + length, n)
         rows = drive.rows(begin, end)
         cost_to_go.add_to(rows, drive.travelled[begin:end])
-        residual[begin:end] = rows.evidence[np.arange(end - begin), rows.columns[:, 0]]
+        residual[begin:end] = rows.evidence[np.arange(end - begin), rows.columns[:, PLACE]]
         informative[begin:end] = rows.factor > 0
         for first in range(0, end - begin, drive.block):
             some = rows.part(first, min(first + drive.block, end - begin))
             found.put(begin + first, some.columns, some.metrics)
         del rows, some  # or two segments would be in memory while the next one is computed
-    found.columns[:, 5] = smoothed_trust(
-        found.columns[:, 0],
-        found.columns[:, 5],
+    columns = found.columns
+    columns[:, TRUST] = smoothed_trust(
+        columns[:, PLACE],
+        columns[:, TRUST],
         residual,
         drive.travelled,
         place_filter.transitions,
     )
-    found.columns[:, 6] = smoothed_misfit(found.columns[:, 6], informative)
+    columns[:, MISFIT] = smoothed_misfit(columns[:, MISFIT], informative)
 
 
 # Matching of all query windows of a recorded drive, by sequences or by the place filter.

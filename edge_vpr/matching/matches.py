@@ -93,10 +93,10 @@ class Matches(EqualByValue):
         Nearest places, nearest first (ties: lowest first); -1 where the map has fewer. For matches
         event by event only the best place, shape (n, 1).
     trust : ndarray of int64, shape (n,)
-        Higher means more confident: for the place filter see `place_filter.FilterMatch`, for
+        Higher means more confident: for the place filter see `filter_match.FilterMatch`, for
         sequences the margin.
     misfit : ndarray of int64, shape (n,)
-        0 where views resemble the map's, see `place_filter.FilterMatch`; -1 for sequences.
+        0 where views resemble the map's, see `filter_match.FilterMatch`; -1 for sequences.
     probability : ndarray of float64, shape (n,)
         Probability that the match is correct, see `confidence.Confidence`; NaN if unknown.
     lost : ndarray of bool, shape (n,)

@@ -26,6 +26,14 @@ from edge_vpr.descriptors.windows import (
 from edge_vpr.errors import UsageError
 from edge_vpr.matching.distances import typical_distances
 from edge_vpr.matching.evidence import evidence_of, reciprocal_of_spread, weight_of
+from edge_vpr.matching.filter_match import (
+    METRIC,
+    PLACE,
+    SECOND,
+    SECOND_METRIC,
+    TIES,
+    FilterMatch,
+)
 from edge_vpr.matching.prediction import (
     METRIC_TOP,
     FilterTable,
@@ -36,7 +44,7 @@ from edge_vpr.matching.prediction import (
     predict,
 )
 from edge_vpr.matching.search import least_and_second
-from edge_vpr.matching.trust import FIRST_MISFIT, margin_of, write_trust
+from edge_vpr.matching.trust import BEFORE_FIRST, margin_of, set_numbers, write_trust
 from edge_vpr.settings import Settings
 from fixedpoint.activity import LOG_TOP, WEIGHT_BITS
 
@@ -44,15 +52,13 @@ from fixedpoint.activity import LOG_TOP, WEIGHT_BITS
 
 
 #: State of a filter between two windows, in addition to its metrics; see `PlaceFilter`.
-NUMBER_NAMES = (
-    "reciprocal", "mean_activity", "place", "support", "residual", "residual_before",
-    "running_misfit",
-)  # fmt: skip
-#: `NUMBER_NAMES`, and the activity for which the prediction holds or one of the two values below
-NUMBERS = np.dtype([(name, np.int64) for name in (*NUMBER_NAMES, "predicted_for")])
-#: Values of `predicted_for`: no prediction yet; from `BY_DISTANCE` on, a prediction by odometry,
-#: which holds for any activity, plus the largest weight of the evidence.
-NOT_PREDICTED, BY_DISTANCE = -2 * LOG_TOP, 2 * LOG_TOP
+NUMBER_NAMES = ("reciprocal", "mean_activity", *BEFORE_FIRST)
+#: `predicted_for` before there is a prediction, and `weight_by_distance` where it is by steps.
+NOT_PREDICTED, BY_STEPS = -2 * LOG_TOP, -1
+#: How the places of a window are predicted, with the values at its beginning: by steps, for the
+#: activity `predicted_for`; or by odometry, for any activity, with a largest weight of evidence.
+_UNPREDICTED = {"predicted_for": NOT_PREDICTED, "weight_by_distance": BY_STEPS}
+NUMBERS = np.dtype([(name, np.int64) for name in (*NUMBER_NAMES, *_UNPREDICTED)])
 
 
 class FilterState(NamedTuple):
@@ -61,7 +67,7 @@ class FilterState(NamedTuple):
     Attributes
     ----------
     numbers : ndarray of NUMBERS, shape (1,)
-        See `PlaceFilter`, and `predicted_for`.
+        See `PlaceFilter`, and `_UNPREDICTED`.
     metric : ndarray of int32, shape (K,)
         Metrics after the window before.
     prediction : ndarray of int16, shape (K,)
@@ -76,45 +82,13 @@ class FilterState(NamedTuple):
     follows: npt.NDArray[np.bool_]
 
 
-class FilterMatch(NamedTuple):
-    """Match of the place filter in a window.
-
-    Attributes
-    ----------
-    place : int
-        Place of the least metric; the first one in a tie.
-    metric : int
-        Its metric.
-    second, second_metric : int
-        Place of the least metric outside the exclusion zone and its metric; -1 if there is none.
-    ties : int
-        Number of other places with the least metric.
-    trust : int
-        Confidence in the match, 0 to 368; higher means more confident. It is the support, a running
-        mean of the margins (second metric less the least) up to this window, less the largest
-        residual (evidence against the matched place) of this window and the two before. See
-        `support_after` and `trust_of`.
-    misfit : int
-        How much worse than in a drive along the map in the same light, which is 0, about the last
-        sixteen windows fit the matched places. See `window_misfit`.
-    """
-
-    place: int
-    metric: int
-    second: int
-    second_metric: int
-    ties: int
-    trust: int
-    misfit: int
-
-
 class WindowRows(NamedTuple):
     """Results of n windows, written by `update_windows`.
 
     Attributes
     ----------
     columns : ndarray of int64, shape (n, 7)
-        Fields of `FilterMatch`.
+        Fields of `FilterMatch`, see `filter_match`.
     metrics : ndarray of int32, shape (n, K)
         Metrics after each window.
     evidence : ndarray of uint8, shape (n, K)
@@ -138,7 +112,7 @@ class WindowRows(NamedTuple):
     def empty(cls, windows: int, places: int) -> WindowRows:
         """Return uninitialised rows."""
         return cls(
-            np.empty((windows, 7), dtype=np.int64),
+            np.empty((windows, len(FilterMatch._fields)), dtype=np.int64),
             np.empty((windows, places), dtype=np.int32),
             np.empty((windows, places), dtype=np.uint8),
             np.empty(windows, dtype=np.int32),
@@ -193,16 +167,17 @@ def match_window(
     now, row = state.numbers[0], out.columns[i]
     metric, evidence = out.metrics[i], out.evidence[i]
     activity = activity_of(events, now.mean_activity)
-    if now.predicted_for != activity and now.predicted_for < BY_DISTANCE:
+    by_distance = now.weight_by_distance != BY_STEPS
+    if not by_distance and now.predicted_for != activity:
         if now.place >= 0:
             predict(state.metric, table, activity, state.prediction)
         now.predicted_for = activity
     scale, weight, share = now.reciprocal, 0, 1 << WEIGHT_BITS
     if not is_pause(events, now.mean_activity):
         weight = weight_of(activity)
-        if now.predicted_for >= BY_DISTANCE:
+        if by_distance:
             whole = weight
-            weight = min(whole, now.predicted_for - BY_DISTANCE)
+            weight = min(whole, now.weight_by_distance)
             share = (weight << WEIGHT_BITS) // max(whole, 1)
         if scale == 0:
             scale = reciprocal_of_spread(distances)
@@ -212,7 +187,6 @@ def match_window(
     place, second, ties = least_and_second(metric, table.exclusion)
     margin = write_match(metric, place, second, ties, row)
     factor_and_share = (scale * weight, share)
-    by_distance = now.predicted_for >= BY_DISTANCE
     kept = write_trust(
         now, table, by_distance, state.follows, margin, evidence, factor_and_share, row
     )
@@ -235,9 +209,10 @@ def write_match(
     out : ndarray of int64, shape (7,)
         Fields of `FilterMatch`.
     """
-    out[0], out[1], out[2], out[3], out[4] = place, metric[place], second, -1, ties
+    out[PLACE], out[METRIC], out[TIES] = place, metric[place], ties
+    out[SECOND], out[SECOND_METRIC] = second, -1
     if second >= 0:
-        out[3] = metric[second]
+        out[SECOND_METRIC] = metric[second]
     return margin_of(metric, place, second)
 
 
@@ -264,7 +239,7 @@ def end_window(
     now.mean_activity = mean_activity_after(now.mean_activity, events)
     now.residual_before = now.residual
     now.place, now.support, now.residual, now.running_misfit = found
-    now.predicted_for = NOT_PREDICTED
+    now.predicted_for, now.weight_by_distance = NOT_PREDICTED, BY_STEPS
     for k in range(metric.size):
         state.metric[k] = metric[k]
 
@@ -322,8 +297,8 @@ class PlaceFilter:
 
     def __init__(self, transitions: Transitions, mean_activity: int = 0) -> None:
         self.transitions, places = transitions, transitions.places
-        begin = (0, mean_activity, -1, 0, 0, 0, FIRST_MISFIT, NOT_PREDICTED)
-        numbers = np.array([begin], dtype=NUMBERS)
+        numbers = np.zeros(1, dtype=NUMBERS)
+        set_numbers(numbers, {"mean_activity": mean_activity} | BEFORE_FIRST | _UNPREDICTED)
         metric, prediction = np.zeros(places, dtype=np.int32), np.zeros(places, dtype=np.int16)
         self.state = FilterState(
             numbers.view(np.recarray), metric, prediction, np.zeros(places, dtype=np.bool_)
@@ -409,7 +384,8 @@ class PlaceFilter:
     @property
     def numbers(self) -> tuple[int, ...]:
         """State without the arrays, in the order of `NUMBER_NAMES`."""
-        return tuple(self.state.numbers[0].tolist()[: len(NUMBER_NAMES)])
+        found = dict(zip(NUMBERS.names or (), self.state.numbers[0].tolist(), strict=True))
+        return tuple(found[name] for name in NUMBER_NAMES)
 
     def resume(self, metric: Metrics, numbers: Sequence[int]) -> None:
         """Continue from the state of another filter with the same map and costs.
@@ -423,15 +399,15 @@ class PlaceFilter:
         """
         self.state.metric[:] = metric
         self.state.prediction[:] = 0  # as before the first window
-        self.state.numbers[0] = (*numbers, NOT_PREDICTED)
+        set_numbers(self.state.numbers, dict(zip(NUMBER_NAMES, numbers, strict=True)))
+        set_numbers(self.state.numbers, _UNPREDICTED)
 
     def spread(self, places: int) -> None:
         """Let the robot be up to so many places further on, and nothing speak for any of them."""
         metric = self.state.metric
         for _ in range(min(places, len(metric))):
             np.minimum(metric[1:], metric[:-1], out=metric[1:])
-        self.state.numbers[0].support = 0
-        self.state.numbers[0].predicted_for = NOT_PREDICTED
+        set_numbers(self.state.numbers, {"support": 0} | _UNPREDICTED)
 
     def predict_travelled(self, travelled_mm: int, driven_mm: int) -> None:
         """Predict by odometry instead of steps until the window ends.
@@ -448,9 +424,8 @@ class PlaceFilter:
         if self.place >= 0:
             self.state.prediction[:] = prediction
             self.state.follows[:] = self.transitions.following(self.place, travelled_mm)
-            self.state.numbers[0].predicted_for = BY_DISTANCE + self.transitions.weight_by_distance(
-                driven_mm
-            )
+            weight = self.transitions.weight_by_distance(driven_mm)
+            self.state.numbers[0].weight_by_distance = weight
 
     def _checked(self, distances: npt.NDArray[np.integer]) -> npt.NDArray[np.integer]:
         if distances.shape[1:] != (len(self),):

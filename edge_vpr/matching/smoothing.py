@@ -17,7 +17,8 @@ import numpy as np
 import numpy.typing as npt
 
 from edge_vpr.compiling import kernel
-from edge_vpr.matching.place_filter import NUMBER_NAMES, WindowRows, write_match
+from edge_vpr.matching.filter_match import MISFIT, PLACE, TRUST, FilterMatch
+from edge_vpr.matching.place_filter import WindowRows, write_match
 from edge_vpr.matching.prediction import (
     FilterTable,
     Metrics,
@@ -28,7 +29,13 @@ from edge_vpr.matching.prediction import (
     write_costs,
 )
 from edge_vpr.matching.search import least_and_second
-from edge_vpr.matching.trust import FIRST_MISFIT, TRUST_FRACTION_BITS, window_misfit, write_trust
+from edge_vpr.matching.trust import (
+    BEFORE_FIRST,
+    TRUST_FRACTION_BITS,
+    set_numbers,
+    window_misfit,
+    write_trust,
+)
 
 #: Fields of `FilterMatch`, shape (m, 7), and costs of the best path through each place, (m, K).
 Late = tuple[npt.NDArray[np.int64], Metrics]
@@ -120,10 +127,11 @@ def smooth_windows(
     costs = np.empty((table.costs.shape[1], cost_to_go.size), dtype=np.int16)
     for i in range(len(rows.metrics) - 1, -1, -1):
         row, evidence = rows.columns[i], rows.evidence[i]
-        row[5] = (
-            match_summed(rows.metrics[i], cost_to_go, table.exclusion, row) << TRUST_FRACTION_BITS
+        margin = match_summed(rows.metrics[i], cost_to_go, table.exclusion, row)
+        row[TRUST] = margin << TRUST_FRACTION_BITS
+        row[MISFIT] = window_misfit(
+            evidence, row[PLACE], table.typical, rows.factor[i], rows.share[i]
         )
-        row[6] = window_misfit(evidence, row[0], table.typical, rows.factor[i], rows.share[i])
         write_costs(table, np.int64(rows.activity[i]), costs)
         backward_step(cost_to_go, next_cost_to_go, table, costs, evidence)
 
@@ -176,9 +184,9 @@ def runs(travelled: Sequence[Travelled], most: int) -> Iterator[tuple[int, int]]
 # The next N windows.
 
 
-#: State of `HeldWindows`: the number of the first held window, how many are held, and the
-#: `NUMBER_NAMES` of the match before them.
-HELD = np.dtype([(name, np.int64) for name in ("first", "windows", *NUMBER_NAMES[2:])])
+#: State of `HeldWindows`: the number of the first held window, how many are held, and the state
+#: after the match before them.
+HELD = np.dtype([(name, np.int64) for name in ("first", "windows", *BEFORE_FIRST)])
 
 
 class HeldWindows(NamedTuple):
@@ -212,7 +220,8 @@ class HeldWindows(NamedTuple):
     def empty(cls, delay: int, transitions: Transitions) -> HeldWindows:
         """Return empty rings for a delay of `delay` windows."""
         room, places = delay + 1, transitions.places
-        numbers = np.array([(0, 0, -1, 0, 0, 0, FIRST_MISFIT)], dtype=HELD)
+        numbers = np.zeros(1, dtype=HELD)
+        set_numbers(numbers, BEFORE_FIRST)
         steps = transitions.table.costs.shape[1]
         return cls(
             numbers.view(np.recarray),
@@ -335,7 +344,7 @@ class FixedLag:
     def _match(self, rows: WindowRows, travelled: Sequence[Travelled], delay: int) -> Late:
         self._travelled.extend(travelled)
         number = max(len(self._travelled) - delay, 0)
-        columns = np.empty((number, 7), dtype=np.int64)
+        columns = np.empty((number, len(FilterMatch._fields)), dtype=np.int64)
         metrics = np.empty((number, self._transitions.places), dtype=np.int32)
         if all(distance is None for distance in self._travelled):
             match_late(
@@ -361,7 +370,8 @@ class FixedLag:
     def _match_first(self, columns: npt.NDArray[np.int64], metrics: Metrics) -> None:
         """Match the first held window, with the distances driven in those after it."""
         held, transitions = self._held, self._transitions
-        first, windows, place = held.numbers[0].tolist()[:3]
+        now = held.numbers[0]
+        first, windows, place = int(now.first), int(now.windows), int(now.place)
         held.cost_to_go[:] = 0
         for i in range(windows - 1, 0, -1):
             at, distance = (first + i) % len(held.metrics), self._travelled[i]

@@ -5,7 +5,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -14,6 +14,7 @@ import numpy.typing as npt
 from edge_vpr.compiling import kernel
 from edge_vpr.confidence import TRUST_TOP
 from edge_vpr.matching.evidence import FACTOR_SHIFT
+from edge_vpr.matching.filter_match import MISFIT, PLACE, TRUST
 from edge_vpr.matching.prediction import (
     METRIC_TOP,
     FilterTable,
@@ -169,6 +170,18 @@ def reported_misfit(running: int) -> int:
 # Both, of one window.
 
 
+#: State after the latest match, from which `write_trust` goes on, with its values before the first.
+BEFORE_FIRST = {
+    "place": -1, "support": 0, "residual": 0, "residual_before": 0, "running_misfit": FIRST_MISFIT,
+}  # fmt: skip
+
+
+def set_numbers(numbers: npt.NDArray[Any], values: Mapping[str, int]) -> None:
+    """Set fields of records by their names."""
+    for name, value in values.items():
+        numbers[name] = value
+
+
 @kernel(inline="always")
 def write_trust(
     now: Any,
@@ -203,7 +216,7 @@ def write_trust(
     place, support, residual, misfit : int
         State for the next match, see `PlaceFilter`.
     """
-    place, before = out[0], now.place
+    place, before = out[PLACE], now.place
     factor, share = factor_and_share
     if by_distance:
         reachable = follows[place]
@@ -212,10 +225,10 @@ def write_trust(
         reachable = before >= 0 and is_reachable(before, place, last, table.jumps)
     support = support_after(now.support if reachable else 0, place == before, margin)
     residual = residual_of(evidence[place])
-    out[5] = trust_of(support, max(residual, now.residual, now.residual_before))
+    out[TRUST] = trust_of(support, max(residual, now.residual, now.residual_before))
     of_window = window_misfit(evidence, place, table.typical, factor, share)
     misfit = update_misfit(now.running_misfit, of_window, factor)
-    out[6] = reported_misfit(misfit)
+    out[MISFIT] = reported_misfit(misfit)
     return place, support, residual, misfit
 
 

@@ -15,6 +15,14 @@ from edge_vpr.confidence import NO_MISFIT, accept_match
 from edge_vpr.descriptors.windows import MAX_WINDOWS, is_pause
 from edge_vpr.errors import EventError
 from edge_vpr.events import TIME_LIMIT_US, Events, Sensor, check_events
+from edge_vpr.matching.filter_match import (
+    METRIC,
+    MISFIT,
+    PLACE,
+    SECOND,
+    SECOND_METRIC,
+    TRUST,
+)
 from edge_vpr.matching.place_filter import FilterState, WindowRows, end_window, match_window
 from edge_vpr.matching.prediction import FilterTable
 from edge_vpr.matching.search import exclusion_zone
@@ -137,12 +145,13 @@ def match_now(state, filter_table, rows, sums, total, c, length, events, over, r
         c.paused = is_pause(events, state.numbers[0].mean_activity)
         end_window(state, distances, events, metric, matched)
         return False
-    best, least, second, second_least = found[0], found[1], found[2], found[3]
+    best = found[PLACE]
     if c.change and best == c.last_reported:
         return False
     c.last_reported = best
-    row["place"], row["second"], row["trust"], row["misfit"] = best, second, found[5], found[6]
-    write_distances(row, least, second_least, 1)
+    row["place"], row["second"] = best, found[SECOND]
+    row["trust"], row["misfit"] = found[TRUST], found[MISFIT]
+    write_distances(row, found[METRIC], found[SECOND_METRIC], 1)
     return True
 
 
@@ -350,13 +359,13 @@ def process_events(kernel_state, events, until):
         seen_until = now if tick else now + 1
         # a tick at the end of a window belongs to it; an event at the same time to the next window
         over = seen_until > c.window_end
-        why = DONE
         if over:
             seen_until = c.window_end
         elif not tick and i == end:
+            why = DONE
             break
-        why = MATCHES_FULL
         if given == len(out):
+            why = MATCHES_FULL
             break
         room = 0 if tick or over else n
         while not (
@@ -367,8 +376,8 @@ def process_events(kernel_state, events, until):
         if tick and not over:
             c.next_tick += c.interval
         elif not over:
-            why = RING_FULL
             if bound[0] - bound[windows] > mask:
+                why = RING_FULL
                 break
             ring_slot[bound[0] & mask] = slots[i]
             ring_time[bound[0] & mask] = now
@@ -392,8 +401,8 @@ def process_events(kernel_state, events, until):
             row["start_us"] = seen_until - tau if tau > 0 else ring_time[bound[1] & mask]
             accept_match(row, f.trust_steps, f.probability_steps, c.least_trust)
             given += 1
-        why = WINDOW_OVER
         if over:
+            why = WINDOW_OVER
             break
     c.read = i
     return given, why

@@ -19,7 +19,8 @@ from edge_vpr.descriptors.windows import Window, narrow
 from edge_vpr.errors import MapError, UsageError
 from edge_vpr.events import NO_EVENTS, TIME_LIMIT_US, Events
 from edge_vpr.map_record import MapRecord
-from edge_vpr.matching.place_filter import FilterMatch, PlaceFilter, WindowRows
+from edge_vpr.matching.filter_match import FilterMatch
+from edge_vpr.matching.place_filter import PlaceFilter, WindowRows
 from edge_vpr.matching.smoothing import FixedLag, Late
 from edge_vpr.online.kernels import (
     CHUNK_EVENTS,
@@ -60,9 +61,9 @@ MATCH_DTYPE = np.dtype(
         ("ratio", "<f8"),  # distance / second_distance; NaN if there is no second place
         ("events", "<i8"),  # number in the newest window, at the selected pixels
         ("start_us", "<i8"),  # start of the newest window
-        # see `place_filter.FilterMatch`, with sequences the margin; higher means more confident
+        # see `filter_match.FilterMatch`, with sequences the margin; higher means more confident
         ("trust", "<i8"),
-        ("misfit", "<i8"),  # see `place_filter.FilterMatch`; -1 with sequences
+        ("misfit", "<i8"),  # see `filter_match.FilterMatch`; -1 with sequences
         ("probability", "<f8"),  # that the match is correct; NaN if unknown
         ("lost", "?"),  # whether it is rejected at the precision of the settings
     ]
