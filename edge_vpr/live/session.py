@@ -562,12 +562,14 @@ class LiveSession:
             then_us = host_us - (result.reached_us - time_us) * (delay > 0)
             if not math.isnan(age_s):
                 then_us = int(1e6 * (time.time() - age_s))
-            lost = lost or age_s > self._oldest_s((time_us - start_us) / 1e6)
+            where: dict[str, Any] = locator.locate(at)
             found.append(
                 LiveMatch(
-                    time_us / 1e6, self._given, place, distance, second, after, ratio, events,
-                    start_us / 1e6, trust, misfit, probability, lost, missing, age_s,
-                    then_us, jumps, **locator.locate(at),
+                    time_s=time_us / 1e6, query=self._given, place=place, distance=distance,
+                    second=second, second_distance=after, ratio=ratio, events=events,
+                    start_s=start_us / 1e6, trust=trust, misfit=misfit, probability=probability,
+                    lost=lost or age_s > self._oldest_s((time_us - start_us) / 1e6),
+                    missing=missing, age_s=age_s, host_us=then_us, jumps=jumps, **where,
                 )
             )  # fmt: skip
             self._given, self._jumps = self._given + 1, jumps

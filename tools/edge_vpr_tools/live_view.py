@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import errno
 import json
+import math
 import os
 import sys
 import time
@@ -279,7 +280,7 @@ class View:
         self._rate = 0.0
         self._lag_s = 0.0
         self._lags = Lags()
-        self._last: str | None = None  # match, as JSON
+        self._newest: LiveMatch | None = None
         self._recent: deque[float | None] = deque(maxlen=_STRIP_S)
         self.matched = 0
         if reference is not None:
@@ -299,7 +300,7 @@ class View:
             lines = [row_of(match, self._coordinates) for match in step.matches]
             if self._json:  # first: a program may wait at the other end of a pipe
                 self._print(*lines)
-            self._last, self.matched = lines[-1], self.matched + len(lines)
+            self._newest, self.matched = step.matches[-1], self.matched + len(lines)
             for line in lines:
                 self._hand_on("match", line)
 
@@ -333,9 +334,9 @@ class View:
         if now - self._logged >= _LINE_S:
             self._logged = now
             self._write(self._health(status))
-            newest = self._newest()
-            unknown = silent or not newest or newest["lost"]
-            self._recent.append(None if unknown else newest["probability"])
+            newest = self._newest
+            unknown = silent or newest is None or newest.lost or math.isnan(newest.probability)
+            self._recent.append(None if newest is None or unknown else newest.probability)
         if self._panel is not None:
             texts = self._texts(status)
             share = self._position(filled) if self._places else None
@@ -348,8 +349,8 @@ class View:
 
     def _print_status(self, status: LiveStatus, now: float) -> None:
         """Print a line of the status if one is due, or if the kind of status has changed."""
-        newest = self._newest()
-        state = bool(status.lost_link), bool(newest), bool(newest.get("lost"))
+        newest = self._newest
+        state = bool(status.lost_link), newest is not None, newest is not None and newest.lost
         due = now - self._printed >= (_LINE_S if self._line_s is None else self._line_s)
         if due or state != self._state:
             self._state, self._printed = state, now
@@ -403,24 +404,23 @@ class View:
             texts["silent"] = f"the link is lost for {health.silent_s:.0f} s"
             texts["health"] = "link lost" if str(health) == "no faults" else f"link lost, {health}"
             return texts
-        if newest := self._newest():
+        if (newest := self._newest) is not None:
             texts["place"] = (
-                f"place {newest['place']} of {self._places}"
+                f"place {newest.place} of {self._places}"
                 f" ({100 * self._position(filled):.0f} % of the route)"
             )
-            if newest.get("along_m") is not None:
-                texts["place"] += f", at {newest['along_m']:,.1f} m"
-            ratio, probability = newest["ratio"], newest["probability"]
-            certainty = "ratio -" if ratio is None else f"ratio {ratio:.3f}"
-            if probability is not None:
-                certainty = f"probability {probability:.2f}"
-            if newest["lost"]:
+            if newest.along_m is not None:
+                texts["place"] += f", at {newest.along_m:,.1f} m"
+            certainty = "ratio -" if math.isnan(newest.ratio) else f"ratio {newest.ratio:.3f}"
+            if not math.isnan(newest.probability):
+                certainty = f"probability {newest.probability:.2f}"
+            if newest.lost:
                 certainty = f"lost ({certainty})"
             texts["certainty"] = certainty
-            if newest["misfit"] >= OFF_MAP_MISFIT:
+            if newest.misfit >= OFF_MAP_MISFIT:
                 texts["certainty"] += f", {OFF_MAP_TEXT}"
-            if newest["missing"]:
-                texts["certainty"] += f", {100 * newest['missing']:.0f} % of its events lost"
+            if newest.missing:
+                texts["certainty"] += f", {100 * newest.missing:.0f} % of its events lost"
         elif self._places:
             texts["place"] = f"waiting for the first match: {100 * filled:.0f} %"
         if health.events:
@@ -432,12 +432,8 @@ class View:
 
     def _position(self, filled: float) -> float:
         """Return the share of the route before the newest match, or of the time until the first."""
-        newest = self._newest()
-        return newest["place"] / max(1, self._places - 1) if newest else filled
-
-    def _newest(self) -> dict[str, Any]:
-        """Return the row of the newest match, empty before the first."""
-        return {} if self._last is None else json.loads(self._last)
+        newest = self._newest
+        return filled if newest is None else newest.place / max(1, self._places - 1)
 
     def _write(self, row: dict[str, Any]) -> None:
         text = json.dumps(row)
