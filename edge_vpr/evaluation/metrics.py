@@ -201,7 +201,7 @@ class Evaluation:
     >>> monday, tuesday = simulate_pair(0, "tiny", length_m=40)
     >>> result = ReferenceMap.build(monday, pixels=50).match(tuesday)
     >>> result.evaluate((monday.track, tuesday.track), tolerance_m=10)
-    Evaluation(8 queries, P@100R 1.000, R@99P 1.000)
+    Evaluation(8 queries within 10 m, P@100R 1.000, R@99P 1.000)
 
     Attributes
     ----------

@@ -217,6 +217,7 @@ class LiveLocaliser:
             self._update(localiser, piece, [])
         localiser.skip_ticks(begin_us)
         localiser.go_unseen(begin_us, max(begin_us - self._time, self._unseen_us))
+        self._losses.gap(begin_us)
         self._time, self._unseen_us = begin_us, 0
 
     def _match(self, events: Events, matched: int = 0, *, last: bool = False) -> LiveResult:

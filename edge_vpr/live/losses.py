@@ -25,12 +25,14 @@ class LossWatch:
         self._losses = self._bytes = self._of_bytes = 0
         self._in_loss = False  # whether no event has come since a loss was noticed
         self._decoded = 0
+        self._reopened = 0  # of the gaps that were noted
         # time, events received, events lost, and losses of unknown size, each of them until then
         self._seen: list[tuple[int, int, int, int]] = [(-1, 0, 0, 0)]
 
     def note(self, reached_us: int, horizon_us: int) -> None:
         """Take the counts of the present time; those older than the horizon are not needed."""
         seen, counts = self._seen, (reached_us, *self._counts())
+        self._reopened = self._health.reopened
         # what comes now may give matches from the time before on
         if len(seen) > MOST_LOSS_STEPS or seen[len(seen) // 2][0] < seen[-1][0] - horizon_us:
             del seen[: len(seen) // 2]
@@ -38,6 +40,16 @@ class LossWatch:
             seen[-1] = counts
         else:
             seen.append(counts)
+
+    def gap(self, end_us: int) -> None:
+        """Note that what precedes `end_us` is missing, before the counts of later bytes are taken.
+
+        One piece of bytes may hold much that came after the gap, of which nothing is missing.
+        """
+        _, received, lost, unknown = self._seen[-1]
+        unknown += self._health.reopened - self._reopened
+        self._reopened = self._health.reopened
+        self._seen.append((end_us, received, lost, unknown))
 
     def missing(self, begin_us: int) -> float:
         """Return the share of events that is known to be lost from a time on.

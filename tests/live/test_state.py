@@ -100,7 +100,9 @@ def resumed(live, reference, passed_us):
 
 @pytest.mark.parametrize("how", ["another run", "the same run"])
 @pytest.mark.parametrize("first", ["events", "a frame without events"])
-def test_the_time_in_which_nothing_was_seen_gives_no_matches(first, how, street):
+@pytest.mark.parametrize("count", [100, 1])
+def test_the_time_in_which_nothing_was_seen_gives_no_matches(count, first, how, street):
+    """After it, matches miss nothing as soon as their windows begin later, however bytes come."""
     path, events, _ = street
     reference, encoder = ReferenceMap.load(path), open_encoder("evpr", SENSOR)
     live = LiveLocaliser(open_decoder("evpr", SENSOR), reference, "50ms")
@@ -110,13 +112,16 @@ def test_the_time_in_which_nothing_was_seen_gives_no_matches(first, how, street)
         live = resumed(live, reference, 40_000_000)
     late, reopened, matches = between(events, 4, 6), how == "the same run", 0
     late["t"] += 40_000_000
-    pieces = [encoder.encode(piece) for piece in np.array_split(late, 100)]
-    if first != "events":
-        pieces.insert(0, encoder.idle(int(late["t"][0]) - 10))
+    pieces = [encoder.idle(int(late["t"][0]) - 10)] if first != "events" else []
+    pieces += [encoder.encode(piece) for piece in np.array_split(late, count)]
+    missing = []
     for n, data in enumerate(pieces):
         found = live.feed(data, 44_000_000, reopened=reopened and n == 0)
         matches += found.matches.size
+        missing += found.missing
     assert 30 <= matches <= 2 / 0.05 + 10
+    assert (missing[0], missing[-1]) == (1.0, 0.0)
+    assert missing == sorted(missing, reverse=True)
 
 
 def test_without_a_state_it_takes_longer(street, tmp_path):

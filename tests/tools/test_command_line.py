@@ -619,7 +619,10 @@ def test_a_message_names_arguments_in_python_and_flags_on_the_command_line(tmp_p
     there = tmp_path / "there.npz"
     there.write_text("mine")
     said = {
-        ("info", drive): ("pass sensor=, for example sensor='346x260'", "--sensor 346x260"),
+        ("convert", drive, tmp_path / "a.npz"): (
+            "pass sensor=, for example sensor='346x260'",
+            "--sensor 346x260",
+        ),
         ("convert", drive, tmp_path / "b.npz", "--sensor", "4x4"): (
             "read with on_fault='drop'",
             "read with --on-fault drop",
