@@ -99,16 +99,28 @@ def _run(
     line.write(struct.pack("<5I", MAGIC, *number, len(image), len(events) // 8))
     left = data = image + events
     found: list[Record] = []
+    # a device may return too many, but not without end
+    most = 2 * (1 + entry.events + entry.windows + entry.matches) + 16
     while True:
         kind, count = struct.unpack("<2I", _read(line, 8, name))
-        if kind > REFUSED or count > _LONGEST:
+        if kind > REFUSED or not 0 < count <= (_LONGEST if 0 < kind < READY else 1):
             raise VectorError(
                 f"{name}: the board sent {kind:#x} and {count:#x}, which begin no record: reset "
                 "it, and check --baud"
             )
         values = struct.unpack(f"<{count}I", _read(line, 4 * count, name))
+        if (kind == 0) == bool(found) or (not found and values != (entry.number,)):
+            raise VectorError(
+                f"{name}: the board does not begin with the number of the case, {entry.number}, "
+                f"or begins twice (kind {kind}, {values[0]}): reset it, and check the line"
+            )
+        if len(found) > most or (kind == READY and values[0] > len(left)):
+            raise VectorError(
+                f"{name}: the board sends more records or asks for more bytes than the case has: "
+                "reset it, and check the line"
+            )
         if kind == REFUSED and values != (0,):
-            returned.too_large[name] = values[0] if values else 0
+            returned.too_large[name] = values[0]
             return
         if kind == REFUSED:
             raise VectorError(

@@ -16,6 +16,7 @@ from edge_vpr_tools.cli import main
 from firmware_model import Design, VectorError
 from firmware_model.vectors import run_on_board, smallest_cases, standard_suites, write_suites
 from firmware_model.vectors.board import MAGIC, READY, REFUSED
+from firmware_model.vectors.manifest import load_manifest
 
 M4 = Path(__file__).parents[2] / "examples" / "firmware-m4"
 DESIGN = Design(width=64, height=48, pixels=25, places=40, length=4, code_bits=3)
@@ -85,6 +86,12 @@ def test_a_board_with_a_fault_is_found(board, vectors, tmp_path, capsys):
     assert re.search(r"ties: expected \d+, got \d+", capsys.readouterr().out)
 
 
+def first_case(vectors):
+    """Name and number of a case."""
+    name = f"filter/{next((vectors / 'filter').iterdir()).name}"
+    return name, dict(load_manifest(vectors).cases())[name].number
+
+
 class Scripted:
     """A line whose board says these words to the first case, and nothing more."""
 
@@ -101,35 +108,42 @@ class Scripted:
 
 
 @pytest.mark.parametrize(
-    ("words", "says"),
+    ("words", "says"),  # None is the number of the case
     [
         ((), "the board is silent"),
-        ((0, 1, 0, READY, 1, 64), "the board is silent"),
+        ((0, 1, None, READY, 1, 64), "the board is silent"),
         ((0x0D0A_0D0A, 7), "begin no record: reset it, and check --baud"),
         ((0, 0x1000_0000), "begin no record"),
-        ((0, 1, 0, REFUSED, 1, 0), "the board refuses the image"),
+        ((0, 1, None, REFUSED, 1, 0), "the board refuses the image"),
+        ((0, 0) * 9, "begin no record"),
+        ((0, 1, None, READY, 0), "begin no record"),
+        ((0, 1, 7), "the number of the case, "),
+        ((0, 1, None, 0, 1, 0), "or begins twice"),
+        ((READY, 1, 0), "the number of the case"),
+        ((0, 1, None, READY, 1, 1 << 30), "asks for more bytes than the case has"),
+        ((0, 1, None, *(1, 2, 3, 4) * 10_000), "sends more records"),
     ],
 )
 def test_a_board_that_goes_wrong_is_named_with_its_case(vectors, words, says):
-    name = f"filter/{next((vectors / 'filter').iterdir()).name}"
-    line = Scripted(*words)
+    name, number = first_case(vectors)
+    line = Scripted(*(number if word is None else word for word in words))
     with pytest.raises(VectorError, match=f"^{name}: .*{says}"):
         run_on_board(line, vectors, name)
     assert line.heard[:4] == struct.pack("<I", MAGIC)
 
 
 def test_each_step_of_a_case_is_shown(vectors):
-    name, shown = f"filter/{next((vectors / 'filter').iterdir()).name}", []
+    (name, number), shown = first_case(vectors), []
     taken = len((vectors / name / "image.bin").read_bytes())
     taken += len((vectors / name / "events.bin").read_bytes())
-    half = Scripted(READY, 1, taken // 2, READY, 1, taken, READY, 1, 0)
+    half = Scripted(0, 1, number, READY, 1, taken // 2, READY, 1, taken - taken // 2, READY, 1, 0)
     run_on_board(half, vectors, name, shown.append)
     assert shown == [f"case 1 of 1, {name}: {share} sent" for share in ("0%", "50%")]
 
 
 def test_a_case_too_large_for_the_board_is_left_out_and_said(vectors):
-    name = f"filter/{next((vectors / 'filter').iterdir()).name}"
-    returned = run_on_board(Scripted(0, 1, 0, REFUSED, 1, 70_000), vectors, name)
+    name, number = first_case(vectors)
+    returned = run_on_board(Scripted(0, 1, number, REFUSED, 1, 70_000), vectors, name)
     assert returned.too_large == {name: 70_000} and returned.records == []
 
 
