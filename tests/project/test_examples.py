@@ -299,7 +299,7 @@ def test_a_map_is_put_into_the_flash_of_a_board_alone(street, tmp_path, capsys):
         (["map.bin", "--address", "0x08000000"], "--address 0x08000000 is of a map as .hex"),
         (["map.hex", "--address", "0x08000008"], "expected a multiple of 16"),
         (["map.hex", "--address", "flash"], "--address flash: expected a multiple of 16"),
-        (["map.hex", "--address", "0xFFFFFFF0"], "of at most 32 bits"),
+        (["map.hex", "--address", "0xFFFFFFF0"], "bytes would end beyond 32 bits"),
     ],
 )
 def test_a_map_that_cannot_lie_there_is_not_written(street, tmp_path, capsys, words, says):

@@ -88,8 +88,12 @@ def _address(text: str, size: int) -> int:
         address = int(text, 0)
     except ValueError:
         address = -1
-    if not 0 <= address <= (1 << 32) - size or address % 16:
+    if not 0 <= address < 1 << 32 or address % 16:
         raise UsageError(
             f"--address {text}: expected a multiple of 16 of at most 32 bits, such as 0x08040000"
+        )
+    if address + size > 1 << 32:
+        raise UsageError(
+            f"--address {text}: the map's {size:,} bytes would end beyond 32 bits: give a lower one"
         )
     return address
