@@ -54,6 +54,19 @@ def test_info_of_a_sensor_that_is_not_stated_says_how_far_the_events_reach(tmp_p
     assert facts["faults"]["off_sensor"] == 0
 
 
+@pytest.mark.parametrize(("microseconds", "doubted"), [(1, False), (1_000, True)])
+def test_info_judges_times_by_the_sensor_that_the_events_reach(
+    microseconds, doubted, tmp_path, capsys
+):
+    """Of the largest possible sensor, 400 events/s would be improbably few."""
+    rng = np.random.default_rng(0)
+    columns = [np.sort(rng.integers(0, 100_000_000, 40_000)) * microseconds]
+    columns += [rng.integers(0, side, 40_000) for side in (34, 28, 2)]
+    np.savetxt(tmp_path / "a.csv", np.transpose(columns), fmt="%d", delimiter=",")
+    assert cli.main(["info", str(tmp_path / "a.csv")]) == 0
+    assert ("more likely, pass --time-unit ns" in capsys.readouterr().err) == doubted
+
+
 def test_info_counts_faults_and_goes_on(tmp_path, capsys):
     (tmp_path / "a.csv").write_text("0,1,1,1\n9,1,1,0\n8,1,1,0\n9,40,1,1\n10,1,1,1\nx,y,z,p\n11,1")
     run("info", tmp_path / "a.csv", "--sensor", "40x30", "--json")

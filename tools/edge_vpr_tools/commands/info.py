@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import argparse
+import warnings
 from contextlib import suppress
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from edge_vpr.errors import EdgeVprError, RecordingError
+from edge_vpr.errors import EdgeVprError, EdgeVprWarning, RecordingError
 from edge_vpr_tools.console import summary
 from edge_vpr_tools.flags import add_reading_arguments
 
@@ -177,7 +178,9 @@ def run(args: argparse.Namespace) -> None:
     except SensorNotStated:
         # the smallest one that holds all events, by which the unit of times is judged
         args.sensor = f"{LONGEST_SIDE}x{LONGEST_SIDE}"
-        found = summarise(tracked(open_from(args, args.recording), "looking for the sensor"))
+        with warnings.catch_warnings():  # of so many pixels, any rate looks too low
+            warnings.simplefilter("ignore", EdgeVprWarning)
+            found = summarise(tracked(open_from(args, args.recording), "looking for the sensor"))
         args.sensor = f"{found.largest_x + 1}x{found.largest_y + 1}"
         recording = open_from(args, args.recording)
         facts = replace(summarise(tracked(recording, "reading")), sensor=None)
