@@ -400,7 +400,7 @@ class ReferenceMap(MapRecord):
             counter_bits=self.counter_bits,
             packed_bytes_per_place=self.packed_bytes_per_place,
             duration_us=int(windows.end_us[-1]),
-            window_us=int(np.median(windows.end_us - windows.start_us)),
+            window_us=windows.window_us,
             places_with_position=len(along),
             route_m=float(np.ptp(along)) if len(along) else None,
             settings=self.settings.to_dict(),
@@ -679,8 +679,7 @@ class MatchResult:
         if tolerance_m and correct < (1 - doubts.MORE_CORRECT) * judged:
             place_us, query_us = self.reference.place_time_us[at[0]], self.query_time_us[at[1]]
             offset = doubts.best_offset(*tracks, place_us, query_us, tolerance_m)
-        windows = self.reference.windows
-        window_s = float(np.median(windows.end_us - windows.start_us)) / 1e6
+        window_s = self.reference.windows.window_us / 1e6
         if doubts.is_clear(offset, window_s, self.matches.probability):
             notes.append(
                 f"{offset}: if its clock may be wrong, give that track .shifted({offset.seconds:g})"
@@ -992,12 +991,11 @@ def _of_part(drive: object, readings: _Timed) -> _Timed:
 
 def _check_reading(changes: Mapping[str, Any], by: str) -> None:
     """Refuse, among settings, what says how a file is read."""
-    for name, value in changes.items():
-        if name in signature(open_recording).parameters:
-            raise UsageError(
-                f"{by}: {name} is no setting, and says how a file is read: give "
-                f"open_recording(path, {name}={value!r}) in place of the path"
-            )
+    for name in changes.keys() & signature(open_recording).parameters:
+        raise UsageError(
+            f"{by}: {name} is no setting, and says how a file is read: give "
+            f"open_recording(path, {name}={changes[name]!r}) in place of the path"
+        )
 
 
 def _check_causal(changes: Mapping[str, Any], by: str) -> None:

@@ -167,6 +167,11 @@ class Descriptors(EqualByValue):
         """Middle of each window, in microseconds, rounded down."""
         return self.start_us + (self.end_us - self.start_us) // 2
 
+    @property
+    def window_us(self) -> int:
+        """Length of a window in microseconds; the median, if they differ."""
+        return int(np.median(self.end_us - self.start_us))
+
 
 def overlapping(pieces: Descriptors, number: int) -> Descriptors:
     """Return the windows of `number` successive pieces each, starting at each piece.

@@ -151,6 +151,18 @@ def error_line(text: str) -> None:
     print("edge-vpr:", printable(in_flags(text)), file=sys.stderr, flush=True)
 
 
+def number_of(count: int, word: str) -> str:
+    """Return a number of things.
+
+    Examples
+    --------
+    >>> number_of(1, "match"), number_of(2, "match"), number_of(1_000, "bin")
+    ('1 match', '2 matches', '1,000 bins')
+    """
+    plural = "es" if word.endswith("ch") else "s"
+    return f"{count:,} {word}{plural * (count != 1)}"
+
+
 #: share of events that a few bursts of a sensor do not reach
 _MANY_BURSTS = 0.05
 

@@ -274,8 +274,8 @@ def _offset(result: MatchResult, files: TruthFiles) -> Offset | None:
 
 def _clear_offset(result: MatchResult, files: TruthFiles) -> Offset | None:
     offset = _offset(result, files)
-    window_s = float(np.median(result.reference.places.end_us - result.reference.places.start_us))
-    return offset if is_clear(offset, window_s / 1e6, result.matches.probability) else None
+    window_s = result.reference.windows.window_us / 1e6
+    return offset if is_clear(offset, window_s, result.matches.probability) else None
 
 
 def _shifted(files: TruthFiles, offset: Offset) -> tuple[float, float]:

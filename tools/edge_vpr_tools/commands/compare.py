@@ -6,7 +6,7 @@ import argparse
 from pathlib import Path
 
 from edge_vpr.errors import UsageError
-from edge_vpr_tools.console import note, summary
+from edge_vpr_tools.console import note, number_of, summary
 from edge_vpr_tools.flags import (
     add_figures_flag,
     add_json_flag,
@@ -49,7 +49,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> None:
     """Print the table, and write it with the figure if asked."""
     from edge_vpr import results
-    from edge_vpr_tools.report.page import number_of
     from edge_vpr_tools.research.sweep.comparison import (
         LEAST,
         comparison_record,

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from edge_vpr.errors import EdgeVprError, UsageError
-from edge_vpr_tools.console import note, status, summary, warning
+from edge_vpr_tools.console import note, number_of, status, summary, warning
 from edge_vpr_tools.research.experiments import EXPERIMENTS, STREETS_ONLY
 
 if TYPE_CHECKING:
@@ -77,7 +77,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> None:
     """Run experiments, write their tables and figures, and print the tables as Markdown."""
-    from edge_vpr_tools.report.page import number_of
     from edge_vpr_tools.research.datasets import damaged_files
     from edge_vpr_tools.research.experiments.drives import check_logs, downloads
 
@@ -118,7 +117,6 @@ def run(args: argparse.Namespace) -> None:
 
 def _list_files(names: list[str], args: argparse.Namespace, data: Path | None) -> None:
     """Print what would run, and the files of all data sets."""
-    from edge_vpr_tools.report.page import number_of
     from edge_vpr_tools.research.datasets import damaged_files, listing
     from edge_vpr_tools.research.experiments.drives import downloads
     from edge_vpr_tools.research.experiments.experiment import trials_of
@@ -159,7 +157,6 @@ def _run(
     trials: dict[ListedTrial, ExperimentTrial], folder: Path, args: argparse.Namespace
 ) -> dict[str, str]:
     """Run trials, write tables and figures of their experiments, and return the tables."""
-    from edge_vpr_tools.report.page import number_of
     from edge_vpr_tools.report.style import save
     from edge_vpr_tools.research.experiments.experiment import run_experiments, store_of
     from edge_vpr_tools.research.trials import Inline, processes
@@ -185,7 +182,6 @@ def _run(
 def _learn(names: list[str], args: argparse.Namespace) -> None:
     """Learn the tables of probabilities, and write them."""
     from edge_vpr.results import check_parent
-    from edge_vpr_tools.report.page import number_of
     from edge_vpr_tools.research.experiments.calibration import learn
 
     if names != ["calibration"]:

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from edge_vpr.errors import UsageError
-from edge_vpr_tools.console import note, status, summary
+from edge_vpr_tools.console import note, number_of, status, summary
 from edge_vpr_tools.flags import add_output_flags
 
 if TYPE_CHECKING:
@@ -76,7 +76,6 @@ def run(args: argparse.Namespace) -> None:
         recorded_case,
         vectors_size,
     )
-    from edge_vpr_tools.report.page import number_of
     from firmware_model import Design
     from firmware_model.vectors import smallest_cases, write_suites
 

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 from edge_vpr.errors import UsageError
 from edge_vpr_tools.console import (
     detail_settings,
+    number_of,
     summary,
     warm_up_shown,
     warn_of_bursts,
@@ -142,7 +143,6 @@ def run(args: argparse.Namespace) -> None:
         write_json,
     )
     from edge_vpr_tools.inputs import describe_faults, describe_removed, open_source, tracked
-    from edge_vpr_tools.report.page import number_of
 
     output = Path(args.output)
     # a map is read whole before it is written

@@ -7,7 +7,7 @@ import os
 from pathlib import Path
 
 from edge_vpr.errors import EdgeVprError, UsageError
-from edge_vpr_tools.console import status, summary, warning
+from edge_vpr_tools.console import number_of, status, summary, warning
 
 EXAMPLES = """\
   edge-vpr sweep sweep.toml -o pixels --workers 4
@@ -39,7 +39,6 @@ _MOST_SHOWN = 5
 
 def run(args: argparse.Namespace) -> None:
     """Run the missing trials, and print the table of all."""
-    from edge_vpr_tools.report.page import number_of
     from edge_vpr_tools.research.sweep.comparison import markdown, rows_of
     from edge_vpr_tools.research.sweep.plan import read_plan, run_trial, sweep_store
     from edge_vpr_tools.research.trials import cluster, compute, failures, processes

@@ -27,7 +27,8 @@ from edge_vpr.matching.distances import ReferenceIndex
 from edge_vpr.matching.matches import Matches
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.route import Kind, Route
-from edge_vpr_tools.report.page import FINDABLE, number_of
+from edge_vpr_tools.console import number_of
+from edge_vpr_tools.report.page import FINDABLE
 from edge_vpr_tools.report.style import (
     BLUE,
     CYCLE,

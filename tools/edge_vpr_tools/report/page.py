@@ -226,18 +226,6 @@ def plain(value: object) -> str:
 _PREFIXES = ((1.0, ""), (1e-3, "m"), (1e-6, "µ"), (1e-9, "n"), (1e-12, "p"))
 
 
-def number_of(count: int, word: str) -> str:
-    """Return a number of things.
-
-    Examples
-    --------
-    >>> number_of(1, "match"), number_of(2, "match"), number_of(1_000, "bin")
-    ('1 match', '2 matches', '1,000 bins')
-    """
-    plural = "es" if word.endswith("ch") else "s"
-    return f"{count:,} {word}{plural * (count != 1)}"
-
-
 def quantity(
     value: float, unit: str, low: float | None = None, high: float | None = None, digits: int = 3
 ) -> str:

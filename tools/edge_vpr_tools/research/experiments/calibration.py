@@ -121,7 +121,7 @@ def spliced(pair: MappedPair, order: npt.NDArray[np.int64], parts: int = 1) -> S
     changes = np.asarray(~np.append(False, follows).reshape(-1, parts)[:, 1:].all(axis=1))
     counted = overlapping(pair.counted.take(order), parts).take(slice(None, None, parts))
     if (np.diff(order) != 1).any():  # the windows follow one another without gaps
-        step = int(np.median(counted.end_us - counted.start_us))
+        step = counted.window_us
         start = np.arange(len(counted), dtype=np.int64) * step
         counted = replace(counted, start_us=start, end_us=start + step)
     truth = GroundTruth(pair.truth.correct[:, last], pair.truth.known[last], "spliced")
