@@ -25,6 +25,7 @@ from edge_vpr.descriptors.counting import (
     check_sensor,
     cleaned,
     count_places,
+    end_of,
     opened,
     window_of,
 )
@@ -1080,7 +1081,13 @@ def _match_events(
                 windows += stream.windows(events)
             except UsageError:  # more than are kept, which matching does not need
                 stream, windows = None, []
-    rows = np.concatenate([*found, localiser.finish()])
+    end_us = end_of(drive)
+    start = time.perf_counter()
+    found += fed.finish(end_us)
+    busy_s += time.perf_counter() - start
+    if stream is not None and end_us is not None:
+        windows += stream.advance(end_us)
+    rows = np.concatenate(found)
     if rows.size == 0:
         raise UsageError(
             f"the recording ended before a sequence of {asked.settings.windows_per_match} windows "

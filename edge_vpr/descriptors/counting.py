@@ -27,6 +27,7 @@ from edge_vpr.descriptors.windows import (
 from edge_vpr.errors import EventError, MapError, UsageError, expect, kind_of
 from edge_vpr.events import (
     EVENT_DTYPE,
+    NO_EVENTS,
     Events,
     Sensor,
     SensorSize,
@@ -347,10 +348,21 @@ class DescriptorStream:
         if events.size == 0:
             return
         if isinstance(self._window, FixedTime):
-            yield from self._fixed_time(events, self._window.tau_us)
+            yield from self._fixed_time(events, int(events["t"][-1]), self._window.tau_us)
         else:
             yield from self._fixed_count(events, self._window.events)
         self._last = int(events["t"][-1])
+
+    def advance(self, until_us: int) -> Iterator[WindowCounts]:
+        """Advance the time without events, and yield the windows of fixed time that end by then.
+
+        Parameters
+        ----------
+        until_us : int
+            Not earlier than the last event.
+        """
+        if isinstance(self._window, FixedTime):
+            yield from self._fixed_time(NO_EVENTS, until_us, self._window.tau_us)
 
     def finish(self) -> Descriptors:
         """Return the incomplete last window, if it has events."""
@@ -359,12 +371,12 @@ class DescriptorStream:
         last = [self._take(self._start, end)] if self._events else []
         return collect(iter(last), self._counts.size)
 
-    def _fixed_time(self, events: Events, tau: int) -> Iterator[WindowCounts]:
+    def _fixed_time(self, events: Events, until: int, tau: int) -> Iterator[WindowCounts]:
         t = events["t"]
-        windows = (int(t[-1]) - self._start) // tau
-        if int(t[-1]) // tau > MAX_WINDOWS:
+        windows = (until - self._start) // tau
+        if until // tau > MAX_WINDOWS:
             raise UsageError(
-                f"time runs to {t[-1]} us, over more than {MAX_WINDOWS} windows of {tau} us: "
+                f"time runs to {until} us, over more than {MAX_WINDOWS} windows of {tau} us: "
                 "check the recording's clock, or take longer windows"
             )
         ends = self._start + tau * np.arange(1, windows + 1)
@@ -676,6 +688,18 @@ def event_windows(
     """
     for events in cleaned(recording, settings, removed):
         yield from stream.windows(events)
+    end_us = end_of(recording)
+    if end_us is not None:
+        yield from stream.advance(end_us)
+
+
+def end_of(recording: EventSource) -> int | None:
+    """Return where a recording ends, after a pass over it; None if its last event alone is known.
+
+    Only some recordings know it: see `Recording.end_us`.
+    """
+    end_us: int | None = getattr(recording, "end_us", None)
+    return end_us
 
 
 # The windows of a drive, counted.

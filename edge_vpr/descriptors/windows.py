@@ -16,8 +16,8 @@ import numpy.typing as npt
 from edge_vpr.archive import EqualByValue, check_array, check_range, present
 from edge_vpr.compiling import kernel, plain
 from edge_vpr.errors import MapError, UsageError, expect
-from edge_vpr.events import TIME_LIMIT_US, Sensor
-from edge_vpr.recordings import Faults, TimeCrop, read_count_frames
+from edge_vpr.events import TIME_LIMIT_US, Sensor, SensorSize
+from edge_vpr.recordings import Faults, TimeCrop, parse_period, read_count_frames
 from edge_vpr.recordings.frames import MOST_PIXELS, Counts
 from fixedpoint.activity import EVENTS_TOP, LOG_TOP, PLACE_HIGH, PLACE_LOW, least_events
 
@@ -381,9 +381,9 @@ class PublishedWindows:
     ----------
     path : path
         Count frames, see `read_count_frames`.
-    period : Fraction, optional
-        Seconds a frame, if the file does not say.
-    sensor : Sensor, optional
+    frame_period : Fraction or float or str, optional
+        Seconds a frame, such as ``"1/30"``, if the file does not say.
+    sensor : Sensor or (int, int) or str, optional
         If the file does not say.
     crop : TimeCrop, optional
         Only the frames that lie wholly in this part are read.
@@ -413,11 +413,12 @@ class PublishedWindows:
         self,
         path: str | Path,
         *,
-        period: Fraction | None = None,
-        sensor: Sensor | None = None,
+        frame_period: Fraction | float | str | None = None,
+        sensor: SensorSize | None = None,
         crop: TimeCrop | None = None,
     ) -> None:
-        self.frame_period = period
+        self.frame_period = period = None if frame_period is None else parse_period(frame_period)
+        size = None if sensor is None else Sensor.of(sensor)
         frames = read_count_frames(path)
         self._frames = frames
         start, end = (0, None) if crop is None else crop.span(frames.start_us)
@@ -434,7 +435,7 @@ class PublishedWindows:
             )
         self.cropped_us = math.floor(self._first * self._period_us)
         self.start_us = frames.start_us + self.cropped_us
-        self.sensor = _known(frames.sensor or sensor, path, "its sensor: pass sensor='WxH'")
+        self.sensor = _known(frames.sensor or size, path, "its sensor: pass sensor='WxH'")
         x = _known(frames.pixel_x, path, "where its pixels lie: add pixel_x and pixel_y")
         y = _known(frames.pixel_y, path, "where its pixels lie: add pixel_x and pixel_y")
         if x.max() >= self.sensor.width or y.max() >= self.sensor.height:

@@ -387,18 +387,35 @@ class OdometryFeed:
         if events.size == 0:
             return []
         found, begin = [], 0
-        stop = int(np.searchsorted(self._times, events["t"][-1], side="right"))
+        stop = self._read_by(int(events["t"][-1]))
         at = np.searchsorted(events["t"], self._times[self._read : stop], side="right").tolist()
         for reading, first in zip(range(self._read, stop), at, strict=True):
             if first > begin:
                 found.append(self._localiser.update(events[begin:first]))
                 begin = first
-            time_us = int(self._times[reading])
-            metres = self._metres[reading]
-            found.append(self._localiser.read_odometer(time_us, metres, checked=False))
+            found.append(self._reading(reading))
         self._read = stop
         found.append(self._localiser.update(events[begin:]))
         return found
+
+    def finish(self, end_us: int | None) -> list[npt.NDArray[np.void]]:
+        """Feed the readings up to the end of the drive, if it is known, and return what is left."""
+        found = []
+        if end_us is not None:
+            stop = self._read_by(end_us)
+            found = [self._reading(reading) for reading in range(self._read, stop)]
+            self._read = stop
+            found.append(self._localiser.advance(end_us))
+        return [*found, self._localiser.finish()]
+
+    def _read_by(self, time_us: int) -> int:
+        """Return how many readings there are up to a time."""
+        return int(np.searchsorted(self._times, time_us, side="right"))
+
+    def _reading(self, reading: int) -> npt.NDArray[np.void]:
+        return self._localiser.read_odometer(
+            int(self._times[reading]), self._metres[reading], checked=False
+        )
 
 
 # The part of a map that a saved localiser needs.

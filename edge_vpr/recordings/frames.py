@@ -511,12 +511,14 @@ def read_count_frames(path: str | Path) -> CountFrames:
 def parse_period(given: Fraction | float | str) -> Fraction:
     """Return the exact period of a frame in seconds, of a number or of text such as ``1/30``."""
     period = Fraction(0)
-    if isinstance(given, str):
+    if isinstance(given, Fraction):
+        period = given
+    elif isinstance(given, str):
         with suppress(ValueError, ZeroDivisionError):
             period = Fraction(given)
-    elif isinstance(given, int | float | Fraction) and 0 < given < 1 << 31 and given is not True:
+    elif isinstance(given, int | float) and 0 < given < 1 << 31 and given is not True:
         period = Fraction(given).limit_denominator(1_000_000)
-    if period <= 0:
+    if not 0 < period < 1 << 31:
         raise UsageError(f"frame period {given!r} is no positive number: write for example 1/30")
     return period
 
@@ -566,3 +568,4 @@ class FrameSource(Source):
             self.position = frame / self.frames.n_frames
         if waiting:
             yield join(waiting, x, y)
+        self.end_us = math.floor(frame * self.period_us)

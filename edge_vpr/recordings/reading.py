@@ -97,11 +97,15 @@ class Source(ABC):
         first event is the start.
     relative : bool
         True if the times already count from the start.
+    end_us : int or None
+        Where the recording ends, in the times of its events; None if that is not known, or no pass
+        has come so far. Windows that end by then are complete.
     position : float or None
         Share of the file that has been read, 0 to 1; None if it is not known.
     """
 
     start_us: int | None = None
+    end_us: int | None = None
     relative: bool = False
     position: float | None = 0.0
 
@@ -271,8 +275,8 @@ class FaultLog:
         self.first_unreadable = ""  #: the first entry that is not an event, and why
         self.assumed_unit: str | None = None  #: unit of times, if neither file nor caller states it
         self.remarks: list[str] = []  #: warnings about implausible values
+        self.last_us: int | None = None  #: time of the last good event so far
         self._good = 0
-        self._last_us: int | None = None
 
     def admit(self, columns: Columns) -> Events:
         """Check one chunk; chunks must come in the order of the file.
@@ -299,7 +303,7 @@ class FaultLog:
         if t.size:
             if self.origin_us is None:
                 self.origin_us = int(t[0])
-            self._last_us = int(t[-1])
+            self.last_us = int(t[-1])
             np.subtract(t, self.origin_us, out=events["t"], casting="unsafe")
             events["x"], events["y"] = x, y
             events["p"] = p if p.dtype == np.bool_ else p > 0
@@ -360,7 +364,7 @@ class FaultLog:
             and y.max() < height
             and (x.dtype.kind == "u" or x.min() >= 0)
             and (y.dtype.kind == "u" or y.min() >= 0)
-            and t[0] >= (-TIME_LIMIT_US if self._last_us is None else self._last_us)
+            and t[0] >= (-TIME_LIMIT_US if self.last_us is None else self.last_us)
             and (t[1:] >= t[:-1]).all()
             and t[-1] <= TIME_LIMIT_US
         )
@@ -375,7 +379,7 @@ class FaultLog:
         times = np.full(t.shape, floor, np.int64)
         times[on] = t[on]
         latest = np.empty_like(times)
-        latest[0] = floor if self._last_us is None else self._last_us
+        latest[0] = floor if self.last_us is None else self.last_us
         latest[1:] = np.maximum(np.maximum.accumulate(times)[:-1], latest[0])
         late = on & (times < latest)
         good = on & ~late
@@ -582,6 +586,10 @@ class Recording:
         implausible values of the polarity; else "".
     frame_period : Fraction or None
         Seconds per frame of counts, as the file states or as given; None if the file holds events.
+    end_us : int or None
+        Where the recording is known to end, after a pass over all of it: count frames end with
+        their last frame, and a part of a recording where it was cut. None if only its last event is
+        known.
     """
 
     def __init__(self, source: Source, on_fault: str) -> None:
@@ -597,6 +605,7 @@ class Recording:
         self._source = source
         self._on_fault = on_fault
         self.remark = ""
+        self.end_us: int | None = None
         self.frame_period: Fraction | None = getattr(source, "frame_period", None)
         self._span: tuple[int, int | None] = (0, None)
         self._origin_us, self.start_us = self._find_start()
@@ -613,8 +622,8 @@ class Recording:
 
     def __iter__(self) -> Iterator[Events]:
         log = FaultLog(self.path, self.sensor, self._on_fault, self._origin_us)
-        self.faults = log.faults
-        return self._walk(log) if self._span == (0, None) else self._cropped(log)
+        self.faults, self.end_us = log.faults, None
+        return self._whole(log) if self._span == (0, None) else self._cropped(log)
 
     def cropped(self, crop: TimeCrop) -> Recording:
         """Return the part between two moments; its times count from the part's beginning.
@@ -630,11 +639,15 @@ class Recording:
         first, last = self._span
         part._span = (first + start, last if end is None else min(first + end, last or first + end))
         part.start_us = self.start_us + start
-        part.faults = Faults()
+        part.faults, part.end_us = Faults(), None
         return part
 
     def __repr__(self) -> str:
         return f"<Recording {self.path} ({self.format}, {self.sensor})>"
+
+    def _whole(self, log: FaultLog) -> Iterator[Events]:
+        yield from self._walk(log)
+        self.end_us = self._known_end(log)
 
     def _walk(self, log: FaultLog) -> Generator[Events, None, None]:
         with foreign_errors(self.path, lambda: f" after event {log.entries:,}"):
@@ -657,6 +670,18 @@ class Recording:
                 f"{self.path} holds no events from {start / 1e6:g} s to {until}: give another "
                 "start= and end= (edge-vpr info shows its times)"
             )
+        self.end_us = self._known_end(log)
+
+    def _known_end(self, log: FaultLog) -> int | None:
+        """Return where the part that was read ends, if more than its last event says that."""
+        start, end = self._span
+        of_file, last_us = self._source.end_us, log.last_us
+        if end is not None and last_us is not None and last_us >= self._origin_us + end:
+            return end - start
+        if of_file is None:
+            return None
+        of_file -= self._origin_us
+        return (of_file if end is None else min(end, of_file)) - start
 
     def _find_start(self) -> tuple[int, int]:
         """Read up to the first good event, so that an empty file is refused when it is opened."""

@@ -178,7 +178,7 @@ def test_memory_of_a_map_of_windows_grows_by_few_bytes_a_code(tmp_path):
         np.savez(path, counts=counts, pixel_x=x, pixel_y=y, sensor_width=15, sensor_height=10)
         tracemalloc.start()
         try:
-            made = ReferenceMap.build(PublishedWindows(path, period=Fraction(1)))
+            made = ReferenceMap.build(PublishedWindows(path, frame_period=Fraction(1)))
             return tracemalloc.get_traced_memory()[1], made.places.counts.nbytes
         finally:
             tracemalloc.stop()

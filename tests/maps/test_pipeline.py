@@ -12,11 +12,13 @@ from hypothesis import strategies as st
 from streams import Drive, as_tuples, random_events
 
 from edge_vpr.descriptors.cleaning import BURST_SHARE, BURST_SLOT_US, HOT_FACTOR
-from edge_vpr.descriptors.pixels import PixelStatistics
-from edge_vpr.descriptors.windows import WindowCounts
+from edge_vpr.descriptors.counting import count_windows
+from edge_vpr.descriptors.pixels import PixelMap, PixelStatistics
+from edge_vpr.descriptors.windows import PublishedWindows, WindowCounts
 from edge_vpr.errors import MapError, UsageError
 from edge_vpr.events import Sensor, make_events
 from edge_vpr.map_record import describe
+from edge_vpr.recordings import open_recording
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.settings import Settings
 
@@ -343,3 +345,64 @@ def test_clipping_changes_neither_the_events_of_a_window_nor_the_hot_pixels():
     assert clipped.settings.events_per_window == whole.settings.events_per_window
     assert np.array_equal(clipped.hot, whole.hot)
     assert clipped.places.counts.max() == 1
+
+
+@given(
+    seed=st.integers(0, 2**32),
+    frames=st.integers(1, 9),
+    quiet=st.integers(0, 3),
+    per_window=st.integers(1, 3),
+    end=st.none() | st.integers(1, 12),
+    chunk=st.sampled_from([1, 10_000]),
+)
+def test_count_frames_read_as_events_fill_windows_to_the_end_of_the_last_frame(
+    seed, frames, quiet, per_window, end, chunk, tmp_path_factory
+):
+    """No event comes after the last frame, whose end the file knows nevertheless."""
+    rng = np.random.default_rng(seed)
+    counts = rng.integers(1, 9, (frames, SENSOR.height, SENSOR.width), dtype=np.uint8)
+    counts = np.concatenate([counts, np.zeros((quiet, *counts.shape[1:]), np.uint8)])
+    path = tmp_path_factory.mktemp("frames") / "frames.npz"
+    np.savez(path, frames=counts, window_s=0.1)
+    drive = open_recording(path, end=None if end is None else end / 10, chunk_events=chunk)
+    whole = counts[:end][: len(counts[:end]) // per_window * per_window]
+    expected = whole.reshape(-1, per_window, SENSOR.pixels).sum(axis=1)
+    plain = Settings(tau_us=100_000 * per_window, remove_bursts=False)
+    every_pixel = PixelMap.all_of(SENSOR)
+    for _ in range(2 if len(expected) else 0):  # a recording can be walked again
+        found = count_windows(drive, every_pixel, plain)
+        assert found.counts.tolist() == expected.tolist()
+        assert found.end_us[-1] == len(whole) * 100_000
+
+
+def test_a_part_of_a_recording_fills_windows_up_to_its_end(tmp_path):
+    times = np.arange(0, 1_000_000, 10_000)
+    np.savez(tmp_path / "drive.npz", t=times, x=times % 9, y=times % 7, p=times % 2)
+    plain = Settings(tau_us=100_000, remove_bursts=False)
+    ends = {
+        end: len(count_windows(part, PixelMap.all_of(SENSOR), plain))
+        for end in (0.5, 0.55, 0.9, None, 7)
+        if (part := open_recording(tmp_path / "drive.npz", sensor=SENSOR, end=end))
+    }
+    # where the file itself ends, nobody knows how much longer the camera saw nothing
+    assert ends == {0.5: 5, 0.55: 5, 0.9: 9, None: 9, 7: 9}
+
+
+@pytest.mark.parametrize("changes", [{"matching": "filter"}, {"delay": 2}, {"preset": "paper"}])
+def test_a_drive_of_count_frames_has_as_many_matches_as_frames(changes, tmp_path):
+    """As events or windows, and event by event."""
+    rng = np.random.default_rng(0)
+    frames = rng.poisson(rng.uniform(0, 4, (1, SENSOR.height, SENSOR.width)), (30, 7, 9))
+    np.savez(tmp_path / "frames.npz", frames=frames.astype(np.uint8), window_s=0.1)
+    preset = changes.pop("preset", "default")
+    route = ReferenceMap.build(
+        PublishedWindows(tmp_path / "frames.npz"), preset, pixels=9, bursts=False, tau="100ms",
+        sequence_length=1, **changes
+    )  # fmt: skip
+    assert len(route) == 30
+    assert len(ReferenceMap.build(tmp_path / "frames.npz", route.settings)) == 30
+    windows = route.match(PublishedWindows(tmp_path / "frames.npz"))
+    events = route.match(tmp_path / "frames.npz")
+    live = route.match(tmp_path / "frames.npz", every="window")
+    assert windows.queries.counts.tolist() == events.queries.counts.tolist()
+    assert len(events) == len(live) == len(live.windows) == 30

@@ -355,7 +355,7 @@ def test_the_period_of_frames_is_kept_in_the_map(tmp_path, capsys):
     )
 
 
-@pytest.mark.parametrize(("stated", "places"), [("1", 7), ("1/30", 14)])
+@pytest.mark.parametrize(("stated", "places"), [("1", 8), ("1/30", 15)])
 def test_frames_as_long_as_a_window_have_places_at_whole_windows(stated, places, tmp_path):
     """The halves of such a frame were not measured; whether the file states its length or not."""
     period = float(Fraction(stated))

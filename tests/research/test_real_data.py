@@ -171,13 +171,13 @@ def test_published_windows_need_the_pixels_of_the_map(shared_data):
         windows, drive_pairs.BRISBANE_SETTINGS.replaced({"tau_us": 5}, "test")
     )
     assert reference.settings.tau_us == 1_000_000
-    walk = PublishedWindows(shared_data / "speck_walks" / "query.npz", period=Fraction(1, 30))
+    walk = PublishedWindows(shared_data / "speck_walks" / "query.npz", frame_period=Fraction(1, 30))
     with pytest.raises(MapError, match="of a 128x128 sensor"):
         reference.match(walk)
     indoor = shared_data / "speck_indoor" / "reference.npz"
-    small = ReferenceMap.build(PublishedWindows(indoor, period=Fraction(1)), PRESETS["tiny"])
+    small = ReferenceMap.build(PublishedWindows(indoor, frame_period=Fraction(1)), PRESETS["tiny"])
     with pytest.raises(MapError, match="last 500000 us and the map's 1000000 us"):
-        small.match(PublishedWindows(indoor, period=Fraction(1, 2)))
+        small.match(PublishedWindows(indoor, frame_period=Fraction(1, 2)))
 
 
 #: Calibration errors of whole drives with the first draw of pixels, live and smoothed, by what a

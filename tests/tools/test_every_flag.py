@@ -281,9 +281,8 @@ def test_published_windows_are_not_wrapped_by_a_progress_bar(folder):
     from edge_vpr_tools.inputs import tracked
 
     from edge_vpr.descriptors.windows import PublishedWindows
-    from edge_vpr.recordings import parse_period
 
-    windows = PublishedWindows(folder / "frames.npz", period=parse_period("1/10"))
+    windows = PublishedWindows(folder / "frames.npz", frame_period="1/10")
     assert tracked(windows, "counting") is windows
 
 

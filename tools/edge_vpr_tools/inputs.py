@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Any
 
 from edge_vpr.descriptors.counting import Removed, WindowSource
 from edge_vpr.descriptors.windows import PublishedWindows
-from edge_vpr.events import Events, Sensor
-from edge_vpr.recordings import Recording, open_recording, parse_period
+from edge_vpr.events import Events
+from edge_vpr.recordings import Recording, open_recording
 from edge_vpr.recordings.reading import crop_of
 from edge_vpr.settings import Settings
 from edge_vpr_tools.console import check_interrupted, is_quiet
@@ -53,8 +53,8 @@ def open_source(
         return open_from(args, path, default_period=default_period)
     return PublishedWindows(
         path,
-        period=default_period if args.frame_period is None else parse_period(args.frame_period),
-        sensor=None if args.sensor is None else Sensor.parse(args.sensor),
+        frame_period=args.frame_period or default_period,
+        sensor=args.sensor,
         crop=crop_of(args.start, args.end, args.start_offset),
     )
 

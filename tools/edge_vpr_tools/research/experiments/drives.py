@@ -175,7 +175,7 @@ _INDOOR_PERIOD = Fraction(1)
 
 def _indoor(folder: Path) -> Iterator[Pair]:
     first, second = (
-        PublishedWindows(folder / f"{name}.npz", period=_INDOOR_PERIOD)
+        PublishedWindows(folder / f"{name}.npz", frame_period=_INDOOR_PERIOD)
         for name in ("reference", "query")
     )
     settings = PAPER.replaced({"sequence_length": 15}, "indoor")

@@ -16,8 +16,9 @@ from edge_vpr.descriptors.counting import (
     DescriptorStream,
     EventSource,
     WindowSource,
-    cleaned,
     count_windows,
+    end_of,
+    event_windows,
 )
 from edge_vpr.descriptors.pixels import PixelMap
 from edge_vpr.descriptors.windows import Descriptors, FixedCount, FixedTime, Window, narrow
@@ -96,12 +97,14 @@ class Kept:
 
     def __init__(self, recording: EventSource) -> None:
         self.sensor: Sensor = recording.sensor
+        self.end_us: int | None = None
         self._recording = recording
         self._chunks: list[Events] | None = None
 
     def __iter__(self) -> Iterator[Events]:
         if self._chunks is None:
             self._chunks = list(self._recording)
+            self.end_us = end_of(self._recording)
         return iter(self._chunks)
 
 
@@ -322,8 +325,8 @@ def count_drive(
         windows = drive.windows()
     else:
         stream = DescriptorStream(PixelMap.all_of(drive.sensor), window)
-        chunks = drive if bursts else cleaned(drive, PRESETS["paper"])
-        windows = (one for events in chunks for one in stream.windows(events))
+        cleaning = PRESETS["paper"].replaced({"remove_bursts": not bursts}, "counting")
+        windows = event_windows(drive, stream, cleaning, None)
     size = (drive.sensor.height, drive.sensor.width)
     images, centres = [], []
     for one in windows:
