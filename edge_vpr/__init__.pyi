@@ -35,6 +35,7 @@ from .matching.matches import Matches as Matches
 from .online.localiser import Localiser as Localiser
 from .online.runs import MATCH_DTYPE as MATCH_DTYPE
 from .online.schedule import MatchSchedule as MatchSchedule
+from .plugins import PartName as PartName
 from .recordings import Recording as Recording
 from .recordings import open_recording as open_recording
 from .recordings import write_recording as write_recording
@@ -42,6 +43,8 @@ from .reference_map import MatchResult as MatchResult
 from .reference_map import ReferenceMap as ReferenceMap
 from .route import Odometry as Odometry
 from .settings import PRESETS as PRESETS
+from .settings import MatchingChanges as MatchingChanges
+from .settings import SettingChanges as SettingChanges
 from .settings import Settings as Settings
 from .settings import resolve_settings as resolve_settings
 

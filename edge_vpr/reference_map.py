@@ -9,7 +9,7 @@ from dataclasses import dataclass, field, replace
 from importlib import import_module
 from inspect import signature
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Self, TypeVar, Unpack
+from typing import TYPE_CHECKING, Any, Self, TypeVar, Unpack, cast
 
 import numpy as np
 import numpy.typing as npt
@@ -75,6 +75,7 @@ from edge_vpr.route import Odometry
 from edge_vpr.settings import (
     SETTING_FIELDS,
     MatchingChanges,
+    Preset,
     Score,
     SettingChanges,
     Settings,
@@ -143,7 +144,7 @@ class ReferenceMap(MapRecord):
     def build(
         cls,
         recording: AnyRecording,
-        settings: Settings | PathName | None = "default",
+        settings: Settings | Preset | Path | None = "default",
         *,
         sensor: SensorSize | None = None,
         pixel_map: PixelMap | PathName | None = None,
@@ -161,8 +162,9 @@ class ReferenceMap(MapRecord):
         recording : EventSource or WindowSource or path or EventData
             For example from `open_recording`, which also opens a path, or events in memory: an
             array, four columns, a DataFrame, an item of a tonic data set.
-        settings : Settings or str or path or None
-            Settings, the name of a preset, or a TOML file with settings; None is "default".
+        settings : Settings or {"default", "paper", "seed-code", "tiny"} or Path or None
+            Settings, the name of a preset, or a TOML file with settings (text that ends with
+            ``.toml`` too, but type checkers know presets only); None is "default".
         sensor : Sensor or (int, int) or str, optional
             Width and height, where the recording does not state them, as events in memory do not.
         pixel_map : PixelMap or path, optional
@@ -1008,7 +1010,7 @@ def _check_causal(changes: Mapping[str, Any], by: str) -> None:
         )
 
 
-def _settings_of(settings: Settings | PathName | None, changes: Mapping[str, Any]) -> Settings:
+def _settings_of(settings: Settings | str | Path | None, changes: Mapping[str, Any]) -> Settings:
     if isinstance(settings, Settings):
         return settings.replaced(changes, "build")
     if settings is None:
@@ -1022,7 +1024,7 @@ def _settings_of(settings: Settings | PathName | None, changes: Mapping[str, Any
     is_file = isinstance(settings, Path) or settings.endswith(".toml")
     if is_file:
         return resolve_settings(config=settings, flags=changes, source="build")
-    return resolve_settings(str(settings), flags=changes, source="build")
+    return resolve_settings(cast("Preset", str(settings)), flags=changes, source="build")
 
 
 def _match_windows(

@@ -20,7 +20,6 @@ from typing import (
     Literal,
     TypedDict,
     Union,
-    cast,
     get_args,
     get_origin,
     get_type_hints,
@@ -28,10 +27,11 @@ from typing import (
 
 from edge_vpr.errors import UsageError, as_path, did_you_mean, expect
 from edge_vpr.files import read_toml
+from edge_vpr.plugins import PartName
 from fixedpoint.limits import MAX_BITS, MAX_FULL_SCALE, OWN_MEAN_BITS
 
 if TYPE_CHECKING:
-    from fixedpoint.codes import CodeKind, CounterCode
+    from fixedpoint.codes import CounterCode
     from fixedpoint.own_mean import OwnMeanCode
 
 
@@ -50,6 +50,7 @@ CounterScaling = Literal["shared", "per-pixel", "own-mean", "contrast"]
 OWN_MEAN_SCALINGS: tuple[CounterScaling, ...] = ("own-mean", "contrast")
 Matching = Literal["sequence", "filter"]
 Score = Literal["distance", "ratio", "margin", "trust"]
+Preset = Literal["default", "paper", "seed-code", "tiny"]
 
 
 # Conversion between values of settings and their text on the command line and in files.
@@ -163,7 +164,7 @@ class SettingField:
 
     def of(self, name: str, hint: Any, default: Any) -> SettingField:
         """Return the record of the attribute `name` with its type and its default."""
-        # of ``float | None`` the float; of ``Strategy | str`` the words of this package
+        # of ``float | None`` the float; of ``Strategy | PartName`` the words of this package
         one = get_args(hint)[0] if get_origin(hint) in (Union, UnionType) else hint
         words: tuple[str, ...] = get_args(one) if get_origin(one) is Literal else ()
         kind = str if words else get_origin(one) or one
@@ -481,7 +482,7 @@ class Settings:
     """
 
     pixels: int = 150
-    strategy: Strategy | str = "variance"
+    strategy: Strategy | PartName = "variance"
     sigma: float = 7.0
     seed: int = 0
     window: WindowKind = "time"
@@ -490,7 +491,7 @@ class Settings:
     places_per_window: int | None = 1
     polarity: bool = False
     clip: int | None = None
-    counter_code: CounterCodeName | str = "none"
+    counter_code: CounterCodeName = "none"
     counter_bits: int = 3
     counter_scaling: CounterScaling = "shared"
     remove_hot_pixels: bool = True
@@ -663,7 +664,7 @@ class Settings:
         from fixedpoint.codes import CounterCode
 
         if self.counter_code != "none":
-            return CounterCode(cast("CodeKind", self.counter_code), self.counter_bits)
+            return CounterCode(self.counter_code, self.counter_bits)
         return CounterCode.saturating(self.clip) if self.clip else None
 
     @property
@@ -737,7 +738,8 @@ class Settings:
 class MatchingChanges(TypedDict, total=False):
     """Settings of matching as keywords, for type checkers: names and types of `Settings`.
 
-    Settings that are written as text on the command line take that text too.
+    Words of the command line, such as ``auto``, are taken too. A function of yours that passes
+    settings on takes ``**changes: Unpack[MatchingChanges]``.
     """
 
     matching: Matching
@@ -746,7 +748,7 @@ class MatchingChanges(TypedDict, total=False):
     delay: int
     sequence_length: int
     exclusion: int
-    precision: float | str | None
+    precision: float | Literal["none"] | None
     stays_on_map: bool
 
 
@@ -754,23 +756,23 @@ class SettingChanges(MatchingChanges, total=False):
     """All settings as keywords; three have a shorter name too, which is that of their flag."""
 
     pixels: int
-    strategy: Strategy | str
+    strategy: Strategy | PartName
     sigma: float
     seed: int
     window: WindowKind
     tau_us: int | str
     tau: str
-    events_per_pixel: float | str | None
-    places_per_window: int | str | None
+    events_per_pixel: float | Literal["auto"] | None
+    places_per_window: int | Literal["auto"] | None
     polarity: bool
-    clip: int | str | None
-    counter_code: CounterCodeName | str
+    clip: int | Literal["none"] | None
+    counter_code: CounterCodeName
     counter_bits: int
     counter_scaling: CounterScaling
-    remove_hot_pixels: bool | str
-    hot_pixels: bool | str
-    remove_bursts: bool | str
-    bursts: bool | str
+    remove_hot_pixels: bool | Literal["find", "keep"]
+    hot_pixels: bool | Literal["find", "keep"]
+    remove_bursts: bool | Literal["remove", "keep"]
+    bursts: bool | Literal["remove", "keep"]
 
 
 _HINTS = get_type_hints(Settings)
@@ -832,7 +834,7 @@ _BEST = Settings(
     counter_scaling="contrast",
 )  # fmt: skip
 
-PRESETS: Mapping[str, Settings] = {
+PRESETS: Mapping[Preset, Settings] = {
     # chosen on the real drives and on simulated streets, see docs/place_filter.md
     "default": _BEST,
     # windows of a fixed time, counts and sequences, as in the paper
@@ -853,7 +855,7 @@ PRESETS: Mapping[str, Settings] = {
 
 
 def resolve_settings(
-    preset: str = "default",
+    preset: Preset = "default",
     config: str | Path | None = None,
     flags: Mapping[str, Any] | None = None,
     source: str = "flags",

@@ -25,15 +25,16 @@ from edge_vpr.live.match import LiveMatch, heartbeat
 from edge_vpr.live.new_map import make_map
 from edge_vpr.live.odometer import OdometerReader
 from edge_vpr.live.position import Locator
-from edge_vpr.live.protocols import Health, open_decoder
+from edge_vpr.live.protocols import Health, ProtocolName, open_decoder
 from edge_vpr.live.reader import LinkReader
 from edge_vpr.live.recorder import Recorder, check_recorded
 from edge_vpr.live.state import StateFile, check_state_file, state_steps
 from edge_vpr.live.watches import SILENT_S, LagWatch, LineWatch, MisfitWatch
 from edge_vpr.online.schedule import MatchSchedule
+from edge_vpr.plugins import PartName
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.results import check_new_file, check_new_map
-from edge_vpr.settings import MatchingChanges, Settings, duration_us, resolve_settings
+from edge_vpr.settings import MatchingChanges, Preset, Settings, duration_us, resolve_settings
 from edge_vpr.warm_up import warm_up
 
 #: Interval at which it is said what is compiled.
@@ -192,7 +193,7 @@ class LiveSession:
         self,
         link: Any,
         *,
-        protocol: str,
+        protocol: ProtocolName | PartName,
         reference: ReferenceMap | str | Path | None = None,
         every: str | MatchSchedule | None = None,
         sensor: Sensor | tuple[int, int] | str | None = None,
@@ -205,7 +206,7 @@ class LiveSession:
         record: str | Path | Sequence[str | Path] = (),
         learn: str | Path | None = None,
         state: str | Path | None = None,
-        settings: Settings | str | None = None,
+        settings: Settings | Preset | None = None,
         overwrite: bool = False,
         on_overload: Literal["drop", "wait"] | None = None,
         max_lag: str = "500ms",
@@ -221,8 +222,7 @@ class LiveSession:
             raise UsageError(f"on_overload={on_overload!r}: expected 'drop', 'wait' or None")
         map_file = reference if isinstance(reference, str | Path) else None
         known = _loaded(reference)
-        if settings is None:
-            settings = "default" if known is None else known.settings
+        chosen = settings or ("default" if known is None else known.settings)
         if known is None and changes:
             raise UsageError(f"{', '.join(changes)}: nothing is matched without reference=")
         if known is not None and changes:
@@ -236,7 +236,7 @@ class LiveSession:
         if self.reference is not None:
             self._locator = Locator(self.reference)
             self._every = MatchSchedule.parse(every, self.reference.settings)
-        self._settings = settings if isinstance(settings, Settings) else resolve_settings(settings)
+        self._settings = chosen if isinstance(chosen, Settings) else resolve_settings(chosen)
         self._causal = burst_filter == "causal"
         self._drop = None if on_overload is None else on_overload == "drop"
         self._open_link, reopens = link_opener(link, baud or self.decoder.baud, flow_control)

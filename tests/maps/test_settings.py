@@ -4,16 +4,18 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
-from typing import get_type_hints
+from typing import Literal, get_args, get_type_hints
 
 import pytest
 from edge_vpr_tools.flags import add_map_flags, map_settings
 
 from edge_vpr.errors import UsageError
+from edge_vpr.live.protocols import PROTOCOLS, ProtocolName
 from edge_vpr.settings import (
     PRESETS,
     SETTING_FIELDS,
     MatchingChanges,
+    Preset,
     SettingChanges,
     Settings,
     resolve_settings,
@@ -242,7 +244,11 @@ def test_keywords_for_type_checkers_are_the_settings_with_their_types():
 
     def keywords(settings):
         return {
-            name: hints[each.name] | str if each.words or each.read else hints[each.name]
+            name: hints[each.name] | str
+            if each.read
+            else hints[each.name] | Literal[tuple(each.words)]
+            if each.words
+            else hints[each.name]
             for each in settings
             for name in (each.name, each.key)
         }
@@ -251,16 +257,26 @@ def test_keywords_for_type_checkers_are_the_settings_with_their_types():
     assert get_type_hints(MatchingChanges) == keywords(matching)
     # a time without its unit is none
     assert get_type_hints(SettingChanges) == keywords(SETTING_FIELDS.values()) | {"tau": str}
+    assert get_args(Preset) == tuple(PRESETS)
+    assert get_args(ProtocolName) == tuple(PROTOCOLS)
 
 
 _TYPED = """
-from edge_vpr import LiveSession, ReferenceMap, open_recording
+from typing import Unpack
+
+from edge_vpr import LiveSession, PartName, ReferenceMap, SettingChanges, open_recording
 
 drive = open_recording("monday.raw", sensor=(346, 260))
 route = ReferenceMap.build(drive, "paper", pixels=50, tau="500ms", hot_pixels="keep", clip=None)
 route.match("tuesday.raw", precision=0.99, matching="filter").evaluate(("a.csv", "b.csv"), 70)
 route.localiser("50ms", delay=2)
 LiveSession("/dev/ttyUSB0", protocol="edvs", reference=route, precision=0.9)
+LiveSession("/dev/ttyUSB0", protocol=PartName("edvs:format=E3"), reference=route)
+
+def mine(**changes: Unpack[SettingChanges]) -> ReferenceMap:
+    return ReferenceMap.build(drive, "tiny", **changes)
+
+mine(pixels=50, places_per_window="auto", strategy=PartName("plugin:grid"))
 """
 _WRONG = """\
 ReferenceMap.build(drive, pixles=50)
@@ -271,6 +287,12 @@ route.match(drive, precison=0.99)
 route.match(drive, pixels=50)
 route.localiser(dealy=2)
 LiveSession("/dev/ttyUSB0", protocol="edvs", reference=route, precison=0.9)
+LiveSession("/dev/ttyUSB0", protocol="edsv", reference=route)
+ReferenceMap.build(drive, "papper")
+ReferenceMap.build(drive, strategy="varience")
+ReferenceMap.build(drive, counter_code="lg")
+ReferenceMap.build(drive, hot_pixels="kept")
+mine(pixles=50)
 """
 
 

@@ -32,7 +32,7 @@ from edge_vpr.online.kernels import process_events
 from edge_vpr.online.schedule import MatchSchedule
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.results import processor_name
-from edge_vpr.settings import PRESETS, resolve_settings
+from edge_vpr.settings import PRESETS, Preset, resolve_settings
 from edge_vpr.simulation import SimulatedRecording, simulate_pair
 from edge_vpr.warm_up import WarmUpStep, localising_steps, matching_steps, warm_up
 from edge_vpr_tools.profile.conditions import Conditions
@@ -107,7 +107,7 @@ def compile_kernels(show: Callable[[str], None] = lambda text: None) -> None:
 
 
 def _run(
-    first: SimulatedRecording, second: SimulatedRecording, preset: str, pixels: int | None
+    first: SimulatedRecording, second: SimulatedRecording, preset: Preset, pixels: int | None
 ) -> None:
     """Map one drive and match another with a preset, recorded and live."""
     # 20 m have only a few of the default windows

@@ -9,7 +9,14 @@ from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from edge_vpr.errors import UsageError, did_you_mean
-from edge_vpr.settings import PRESETS, SETTING_FIELDS, SettingField, Settings, resolve_settings
+from edge_vpr.settings import (
+    PRESETS,
+    SETTING_FIELDS,
+    Preset,
+    SettingField,
+    Settings,
+    resolve_settings,
+)
 from edge_vpr_tools.console import warning
 from edge_vpr_tools.report import FORMATS
 
@@ -90,7 +97,7 @@ def add_window_argument(group: argparse._ArgumentGroup) -> None:
 # Flags of the settings, made from their descriptions; shared by the commands map and match.
 
 
-DEFAULT_PRESET = "default"
+DEFAULT_PRESET: Preset = "default"
 #: the group of settings that can be changed after a map is made
 _MATCHING_GROUP = "matching"
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 import copy
 from abc import ABC, abstractmethod
 from collections.abc import Iterable
-from typing import Any
+from typing import Any, Literal
 
 from edge_vpr.errors import UsageError
 from edge_vpr.events import Events, Sensor, join_events
@@ -25,6 +25,7 @@ __all__ = [
     "Encoder",
     "Health",
     "OptionReader",
+    "ProtocolName",
     "damaged_sample",
     "open_decoder",
     "open_encoder",
@@ -293,6 +294,7 @@ class OptionReader:
 #: ``open_encoder(name, sensor, options)``; both functions take an `OptionReader`.
 GROUP = "edge_vpr.protocols"
 
+ProtocolName = Literal["evpr", "edvs", "evt2", "evt21", "evt3", "openmv", "aer"]
 #: The protocols of this package, by the name that ``--protocol`` takes, and their modules.
 PROTOCOLS: dict[str, str] = {
     "evpr": "edge_vpr.live.protocols.evpr",  # this project's frames: numbers, drop counts, CRC-32

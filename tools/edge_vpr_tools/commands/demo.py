@@ -6,11 +6,14 @@ import argparse
 from functools import partial
 from pathlib import Path
 from shlex import quote
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from edge_vpr_tools.cli import VerbParser, command_of
 from edge_vpr_tools.console import Verbosity, say, status, table, verbosity
 from edge_vpr_tools.flags import add_output_flags
+
+if TYPE_CHECKING:
+    from edge_vpr.settings import Preset
 
 EXAMPLES = """\
   edge-vpr demo
@@ -27,7 +30,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 #: largest distance of a correct match in metres, and widths of tables in characters
 _TOLERANCE_M, _WIDTH = 10.0, 100
 #: preset and changes by the name in the table; the matches of the first are written
-_METHODS: dict[str, tuple[str, dict[str, Any]]] = {
+_METHODS: dict[str, tuple[Preset, dict[str, Any]]] = {
     "place filter (default)": ("default", {}),
     "paper, windows of a time": ("paper", {}),
     "paper, windows of a number of events": ("paper", {"window": "count"}),
