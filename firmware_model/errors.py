@@ -18,6 +18,12 @@ class VectorError(Exception):
     exit_code = 2
 
 
+class BoardError(VectorError):
+    """A board does not answer, or answers what no device would."""
+
+    exit_code = 1
+
+
 class ToolError(Exception):
     """The compiler or the emulator is not installed, or has failed."""
 

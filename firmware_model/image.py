@@ -259,6 +259,10 @@ def ram_bytes(design: Design) -> int:
     return sum(ram_arrays(design).values())
 
 
+#: `vpr_design_t` and `vpr_state_t` on a processor of 32 bits, which are not in `ram_bytes`
+STRUCT_BYTES = 196
+
+
 def kept_bytes(design: Design) -> int:
     """Return the RAM in which the filter keeps the distances of a window."""
     return _aligned(2 * design.places) if design.filters else 0

@@ -105,7 +105,11 @@ static void lose_memory(const vpr_design_t *d, vpr_state_t *s, halves_t *ram)
     copy(ram->half[0], from, ram->bytes);
     spoil(from, ram->bytes, 0xA5U);
     copy(s, &saved, (uint32_t)sizeof saved);
-    if (!vpr_resume(d, s, ram->half[0])) {
+    vpr_design_t other;
+    copy(&other, d, (uint32_t)sizeof other);
+    other.checksum = ~d->checksum;
+    /* a state of another image is refused */
+    if (vpr_resume(&other, s, ram->half[0]) || !vpr_resume(d, s, ram->half[0])) {
         spoil(s, (uint32_t)sizeof *s, 0xA5U);
     }
 }
@@ -157,6 +161,9 @@ uint32_t vpr_replay(const uint32_t *image, uint32_t image_bytes, const vpr_event
         const vpr_status_t status = vpr_events(&design, &state, &next, last);
         if ((status == VPR_ALL_TAKEN) && (next != last)) {
             return 0U; /* it says that it has taken what it has not */
+        }
+        if (((batch & 2U) != 0U) && (status == VPR_WINDOW_ENDS) && (next == &events[taken])) {
+            return 0U; /* vpr_time left out a window that was due */
         }
         if ((batch == 1U) && (next != &events[taken])) {
             put_event(&writer, &state, taken, vpr_slot(&design, &events[taken]));

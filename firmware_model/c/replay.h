@@ -15,8 +15,8 @@ enum { VPR_RECORD_EVENT = 1, VPR_RECORD_WINDOW = 2, VPR_RECORD_MATCH = 3 };
  * 1. Where `batch` has its second bit, vpr_time ends windows before it is handed over. All memory is
  * filled with a pattern first, so that what is read must have been written; the RAM with zeros where
  * `batch` has its second bit. With twice the RAM that the state needs, it is saved after each window,
- * lost, and goes on in the other half. Words written to `out`; 0 if the image is refused, or RAM or
- * `out` are too small. */
+ * lost, and goes on in the other half. Words written to `out`; 0 if the image is refused, RAM or
+ * `out` are too small, or a function of vpr.h contradicts another. */
 uint32_t vpr_replay(const uint32_t *image, uint32_t image_bytes, const vpr_event_t *events,
                     uint32_t event_count, uint32_t batch, uint32_t start, uint32_t *ram,
                     uint32_t ram_bytes, uint32_t *out, uint32_t out_words);

@@ -12,6 +12,7 @@ import argparse
 import hashlib
 import json
 import re
+import shutil
 import subprocess
 import sys
 import tempfile
@@ -192,7 +193,9 @@ def packed_cells(design: Design, board: Board) -> dict[str, tuple[int, int]]:
 
 def _place(folder: Path, board: Board, *options: str) -> str:
     """Run place and route on ``core.json``, and return its log."""
-    words = board.place_words(str(sources.FOLDER / board.pins))
+    # YoWASP's programs see no other folder below /tmp
+    shutil.copyfile(sources.FOLDER / board.pins, folder / board.pins)
+    words = board.place_words(board.pins)
     return _run([*words, "--json", "core.json", *options], folder).stderr
 
 

@@ -2,6 +2,8 @@
 // `edge-vpr golden verify` reads. Both sides stall at random; resets come in the middle, after which
 // the case begins again; whatever is undefined where it must not be, or changes before it is
 // taken, ends the simulation. So does a core that takes nothing for far longer than a match lasts.
+// With stalls, the places are offered again from the first word on behind each window's end, at any
+// clock: while a match is computed they have to wait.
 //
 // With `reset_at` there is one reset, of one clock, so many clocks after the first; the places stay.
 //
@@ -79,6 +81,7 @@ module vpr_bench #(
     integer events_file, places_file, scanned, out;
     integer events_given, idle_clocks, stuck_clocks, restart_at;
     logic   event_there, place_there, loaded, running;
+    integer again;  // words of the places that were taken again since a window's end
 
     task automatic restart;
         begin
@@ -103,6 +106,7 @@ module vpr_bench #(
             events_given = 0;
             idle_clocks = 0;
             stuck_clocks = 0;
+            again = PLACES * WORDS;
             rst = 1'b1;
             if (reset_at > 0) @(negedge clk);
             else repeat (1 + $unsigned($random(seed)) % 3) @(negedge clk);
@@ -142,6 +146,8 @@ module vpr_bench #(
 
     logic [EVENT_BITS-1:0] next_event_word;
     logic [WORD_BITS-1:0]  next_place_word;
+    logic [WORD_BITS-1:0]  places[0:PLACES*WORDS-1];
+    initial $readmemh("places.mem", places);
 
     task automatic fail(input string what);
         begin
@@ -151,8 +157,9 @@ module vpr_bench #(
     endtask
 
     // what was taken at the rising edge
-    logic event_taken, place_taken;
+    logic event_taken, place_taken, window_ended;
     always @(posedge clk) begin
+        window_ended = core.window_end;
         event_taken = running && s_event_tvalid && s_event_tready;
         place_taken = running && s_place_tvalid && s_place_tready;
     end
@@ -173,10 +180,15 @@ module vpr_bench #(
                 events_given = events_given + 1;
                 next_event;
             end
-            if (place_taken) begin
+            if (place_taken && loaded) begin
+                s_place_tvalid = 1'b0;
+                s_place_tdata  = 'x;
+                again          = again + 1;
+            end else if (place_taken) begin
                 next_place;
                 loaded = !place_there;
             end
+            if (window_ended) again = 0;
             // the places first: a match with part of a map has no meaning
             if (event_there && !place_there && !s_event_tvalid && !chance(stall)) begin
                 s_event_tvalid = 1'b1;
@@ -185,6 +197,10 @@ module vpr_bench #(
             if (place_there && !s_place_tvalid && !chance(stall)) begin
                 s_place_tvalid = 1'b1;
                 s_place_tdata  = next_place_word;
+            end
+            if (loaded && again < PLACES * WORDS && !s_place_tvalid && chance(stall)) begin
+                s_place_tvalid = 1'b1;
+                s_place_tdata  = places[again];
             end
             m_event_tready  = !chance(stall);
             m_window_tready = !chance(stall);

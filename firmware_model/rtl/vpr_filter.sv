@@ -46,9 +46,8 @@ module vpr_filter #(
     input  logic                     found_i,
     input  logic [METRIC_BITS-1:0]   best_sum_i
 );
-    // from a place's distance to its prediction; the evidence takes 4 or 5, and waits for it
+    // from a place's distance to its prediction by 4 to 7 steps; the evidence takes 5, and stays for 2
     localparam int PREDICTED     = 3 + $clog2(STEPS + 1);
-    localparam int WAITS         = PREDICTED > 5 ? PREDICTED - 5 : 0;
     localparam int PRODUCT_BITS  = DISTANCE_BITS + RECIPROCAL_BITS - 1;
     // fraction bits of the reciprocal, less those of a metric
     localparam int SHIFT         = RECIPROCAL_BITS - 1 - 2;
@@ -73,8 +72,8 @@ module vpr_filter #(
     wire                     comes     = pass_q == FOR_MEAN;
     wire                     item      = state_q == RUN && (comes ? distance_valid_i : beat_q);
     wire [DISTANCE_BITS-1:0] here      = comes ? distance_i : kept;
-    // the distance less the nearest; the carry says that it is not below
-    wire [DISTANCE_BITS+1:0] farther   = {1'b0, here, 1'b1} + {1'b0, nearest_inverse_q, 1'b1};
+    // not of `here`, which memory gives later: the carry says that it is above the nearest
+    wire [DISTANCE_BITS:0]   farther   = {1'b0, distance_i} + {1'b0, nearest_inverse_q};
     wire                     item_last = index_q == PLACE_BITS'(PLACES - 1);
     wire                     begins    = waiting_q;  // it is idle when a window begins
     assign idle_o = state_q == IDLE && !waiting_q;
@@ -106,7 +105,7 @@ module vpr_filter #(
         else if (item && !item_last) index_q <= index_q + 1'b1;
         if (begins) scaled_q <= 1'b0;
         if (begins) nearest_inverse_q <= '0;
-        else if (distance_valid_i && pass_q == FOR_MEAN && !farther[DISTANCE_BITS+1])
+        else if (distance_valid_i && comes && !farther[DISTANCE_BITS])
             nearest_inverse_q <= ~distance_i;
         if (rst_i) begin
             state_q   <= IDLE;
@@ -174,7 +173,7 @@ module vpr_filter #(
     wire [3:0] weight   = !activity[9] || &activity[8:5] ? 4'd8
                           : activity[8:4] == 5'b11101 ? {1'b0, activity[3:1]} : 4'd0;
 
-    logic [DISTANCE_BITS-1:0] above_q;
+    logic [DISTANCE_BITS-1:0] kept_q, above_q;
     logic [PRODUCT_BITS-1:0]  product_q;
     logic [EVIDENCE_BITS-1:0] limited_q;
     logic [EVIDENCE_BITS+3:0] evidence_q;  // in eighths
@@ -184,25 +183,13 @@ module vpr_filter #(
     wire [PRODUCT_BITS-SHIFT:0] divided =
         whole ? product_q[PRODUCT_BITS-1:SHIFT-1] : {1'b0, product_q[PRODUCT_BITS-1:SHIFT]};
 
-    wire  [EVIDENCE_BITS-1:0]     against;
-    wire [METRIC_BITS:0]          metric = {1'b0, prediction} + (METRIC_BITS + 1)'(against);
-
-    generate
-        if (WAITS == 0) begin : g_at_once
-            assign against = evidence_q[EVIDENCE_BITS+2:3];
-        end else begin : g_waits
-            integer i;
-            logic [EVIDENCE_BITS-1:0] waits_q[0:WAITS-1];
-            always_ff @(posedge clk_i) begin
-                waits_q[0] <= evidence_q[EVIDENCE_BITS+2:3];
-                for (i = 1; i < WAITS; i = i + 1) waits_q[i] <= waits_q[i-1];
-            end
-            assign against = waits_q[WAITS-1];
-        end
-    endgenerate
+    wire [EVIDENCE_BITS-1:0] against = evidence_q[EVIDENCE_BITS+2:3];
+    wire [METRIC_BITS:0]     metric  = {1'b0, prediction} + (METRIC_BITS + 1)'(against);
 
     always_ff @(posedge clk_i) begin
-        if (item) above_q <= farther[DISTANCE_BITS:1];
+        kept_q        <= kept;
+        // with a carry into the lowest bit
+        above_q       <= DISTANCE_BITS'(({kept_q, 1'b1} + {nearest_inverse_q, 1'b1}) >> 1);
         product_q     <= PRODUCT_BITS'(above_q) * PRODUCT_BITS'(factor);
         limited_q     <= paused_i ? '0
                        : (divided >> EVIDENCE_BITS) != 0 ? '1 : EVIDENCE_BITS'(divided);

@@ -1,7 +1,7 @@
 // Codes of all places, WORDS words each, in the order of places.mem. One address serves to load and
 // to read them: it returns to the first word after the last, after reset and with `start_i`, in the
-// clock after a window's end (`stop_i`). A load that a match interrupts begins again. They may also
-// come from a file for $readmemh.
+// clock after a window's end (`stop_i`). Words wait while a match is computed (`busy_i`), and a load
+// that it interrupts begins again. They may also come from a file for $readmemh.
 module vpr_place_memory #(
     localparam int PLACES       = vpr_pkg::PLACES,
     localparam int WORDS        = vpr_pkg::WORDS,

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Protocol
 
-from firmware_model.errors import VectorError
+from firmware_model.errors import BoardError, VectorError
 from firmware_model.vectors.case import KINDS, Record
 from firmware_model.vectors.manifest import CaseEntry, load_manifest, read_case_file
 
@@ -67,9 +67,10 @@ def run_on_board(
 
     Raises
     ------
+    BoardError
+        If the board is silent, sends what is no record, or refuses an image.
     VectorError
-        If the board is silent, sends what is no record, or refuses an image; or if there is no such
-        case.
+        If there is no such case.
     """
     cases = dict(load_manifest(folder).cases())
     if case is not None and case not in cases:
@@ -104,18 +105,18 @@ def _run(
     while True:
         kind, count = struct.unpack("<2I", _read(line, 8, name))
         if kind > REFUSED or not 0 < count <= (_LONGEST if 0 < kind < READY else 1):
-            raise VectorError(
+            raise BoardError(
                 f"{name}: the board sent {kind:#x} and {count:#x}, which begin no record: reset "
                 "it, and check --baud"
             )
         values = struct.unpack(f"<{count}I", _read(line, 4 * count, name))
         if (kind == 0) == bool(found) or (not found and values != (entry.number,)):
-            raise VectorError(
+            raise BoardError(
                 f"{name}: the board does not begin with the number of the case, {entry.number}, "
                 f"or begins twice (kind {kind}, {values[0]}): reset it, and check the line"
             )
         if len(found) > most or (kind == READY and values[0] > len(left)):
-            raise VectorError(
+            raise BoardError(
                 f"{name}: the board sends more records or asks for more bytes than the case has: "
                 "reset it, and check the line"
             )
@@ -123,7 +124,7 @@ def _run(
             returned.too_large[name] = values[0]
             return
         if kind == REFUSED:
-            raise VectorError(
+            raise BoardError(
                 f"{name}: the board refuses the image: it came damaged over the line, or the "
                 "firmware is of another version than the vectors"
             )
@@ -141,8 +142,8 @@ def _run(
 def _read(line: Line, size: int, name: str) -> bytes:
     data = line.read(size)
     if len(data) < size:
-        raise VectorError(
-            f"{name}: the board is silent: check that it runs vpr_replay_line, reset it, and check "
-            "--baud"
+        raise BoardError(
+            f"{name}: the board is silent: reset it, as after every run that was ended before its "
+            "end, check that it runs vpr_replay_line, and check --baud"
         )
     return data

@@ -28,7 +28,7 @@ from firmware_model.emulation.instructions import (
     measure,
     table,
 )
-from firmware_model.image import Word, image, page, ram_bytes, sealed
+from firmware_model.image import STRUCT_BYTES, Word, image, page, ram_bytes, sealed
 from firmware_model.specification import Machine, MatchResult, WindowResult
 from firmware_model.vectors import (
     Case,
@@ -356,6 +356,8 @@ def test_the_table_of_instructions_is_true(measured):
     assert text.splitlines()[0] == table(list(measured.values())).splitlines()[0]
     told = {row["target"]: row for row in csv.DictReader(text.splitlines())}
     assert list(told) == list(measured)
+    for name in ("cortex-m0plus", "cortex-m4", "cortex-m7"):
+        assert measured[name].filter_ram_bytes == ram_bytes(FILTER) + STRUCT_BYTES
     if any(row["compiler"] != compiler() for row in told.values()):
         pytest.skip(f"the table is of {told['cortex-m4']['compiler']}, this is {compiler()}")
     assert text == table(list(measured.values()))

@@ -561,8 +561,8 @@ def recorded_drive(folder, events_number=40_000):
     return made, query
 
 
-def test_a_recording_is_limited_in_windows_and_fits_a_microcontroller(tmp_path):
-    """20 windows by default, whatever the rate of events; less where the memory is small."""
+def test_a_recording_is_limited_in_windows_and_fits_a_microcontroller(tmp_path, capsys):
+    """20 windows by default, whatever the rate of events; less where the memory is small: said."""
     made, query = recorded_drive(tmp_path)
     golden = ["golden", "--map", str(made), "--recording", str(query), "--suite", "recording"]
     for i, (flags, windows, bytes_in_flash) in enumerate(
@@ -574,6 +574,8 @@ def test_a_recording_is_limited_in_windows_and_fits_a_microcontroller(tmp_path):
         drive = folder / "recording" / "drive"
         arrays = np.load(drive / "case.npz")
         found = len(arrays["expected_windows"])
+        said = f"has {found} of --max-windows 20: the drive is shorter, or --case-size 20KiB"
+        assert (said in capsys.readouterr().err) == (windows is None)
         assert 0 < found < 20 if windows is None else found == windows
         assert len(arrays["expected_matches"]) == found
         # events elsewhere are in it too, as far as there is room

@@ -127,8 +127,9 @@ class Scripted:
 def test_a_board_that_goes_wrong_is_named_with_its_case(vectors, words, says):
     name, number = first_case(vectors)
     line = Scripted(*(number if word is None else word for word in words))
-    with pytest.raises(VectorError, match=f"^{name}: .*{says}"):
+    with pytest.raises(VectorError, match=f"^{name}: .*{says}") as raised:
         run_on_board(line, vectors, name)
+    assert raised.value.exit_code == 1
     assert line.heard[:4] == struct.pack("<I", MAGIC)
 
 

@@ -60,7 +60,7 @@ def _write_image(args: argparse.Namespace, suffix: str) -> None:
     from edge_vpr.files import check_absent, check_output, replacing
     from edge_vpr.reference_map import ReferenceMap
     from edge_vpr_tools.estimate.of_map import design_of, memories_of
-    from firmware_model.image import image, ram_bytes
+    from firmware_model.image import STRUCT_BYTES, image, ram_bytes
     from firmware_model.vectors.formats import image_header, intel_hex
 
     check_output(args.output, [args.input])
@@ -77,8 +77,9 @@ def _write_image(args: argparse.Namespace, suffix: str) -> None:
         path.write_bytes(data)
     where = f" at {address:#010x}" if suffix == ".hex" else ""
     summary(
-        f"{args.output}: {design.places:,} places, {len(flash):,} bytes of flash{where}; the state "
-        f"takes {ram:,} bytes of RAM"
+        f"{args.output}: {design.places:,} places, {len(flash):,} bytes of flash{where}; "
+        f"{ram + STRUCT_BYTES:,} bytes of RAM: {ram:,} for vpr_reset, {STRUCT_BYTES} for "
+        "vpr_design_t and vpr_state_t"
     )
 
 

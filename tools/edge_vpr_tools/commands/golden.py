@@ -112,6 +112,14 @@ def run(args: argparse.Namespace) -> None:
     left_out = sum(map(len, suites.values())) - sum(map(len, chosen.values()))
     if left_out:
         note(f"--vectors {args.vectors} leaves out the {left_out} cases with most events")
+    windows = next(
+        (suite.cases[0].windows for suite in manifest.suites if suite.name == "recording"), None
+    )
+    if windows is not None and windows < args.max_windows:
+        note(
+            f"the recording's case has {windows} of --max-windows {args.max_windows}: the drive is "
+            f"shorter, or --case-size {args.case_size} has no room for more"
+        )
     for suite in manifest.suites:
         missed = missed_corners(suite)
         if missed:
