@@ -4,7 +4,8 @@
  * firmware_model specifies, bit for bit; docs/specification.md says what that is.
  *
  * One image in flash (see vpr_open) holds the design and its tables; one block of RAM from the
- * caller holds the state. The caller's loop is
+ * caller holds the state. No function is reentrant: an interrupt fills a queue, from which the caller's
+ * loop takes its events. After vpr_open and vpr_reset, this loop is
  *
  *     while (next != end) {                     events as they arrived, one or many
  *         if (vpr_events(&design, &state, &next, end) == VPR_WINDOW_ENDS) {
@@ -45,7 +46,7 @@ typedef struct {
 } vpr_entry_t;
 
 /* A design, read from the image by vpr_open and constant afterwards. The advice is for who makes the
- * image: `edge-vpr golden` writes all of it. */
+ * image: `edge-vpr convert` writes all of it from a map. */
 typedef struct {
     const uint16_t *displacement; /* [height]: where a row begins in the look-up */
     const vpr_entry_t *lookup;    /* [lookup_mask + 1] */
