@@ -13,10 +13,13 @@ from .descriptors.windows import PublishedWindows as PublishedWindows
 from .errors import EdgeVprError as EdgeVprError
 from .errors import EdgeVprWarning as EdgeVprWarning
 from .errors import UsageError as UsageError
+from .evaluation.ground_truth import Alignment as Alignment
 from .evaluation.ground_truth import GroundTruth as GroundTruth
 from .evaluation.ground_truth import from_alignment as from_alignment
 from .evaluation.ground_truth import from_matrix as from_matrix
 from .evaluation.ground_truth import from_tracks as from_tracks
+from .evaluation.ground_truth import load_alignment as load_alignment
+from .evaluation.ground_truth import load_matrix as load_matrix
 from .evaluation.metrics import Evaluation as Evaluation
 from .evaluation.metrics import evaluate as evaluate
 from .evaluation.tables import load_odometry as load_odometry
@@ -35,7 +38,6 @@ from .matching.matches import Matches as Matches
 from .online.localiser import Localiser as Localiser
 from .online.runs import MATCH_DTYPE as MATCH_DTYPE
 from .online.schedule import MatchSchedule as MatchSchedule
-from .plugins import PartName as PartName
 from .recordings import Recording as Recording
 from .recordings import open_recording as open_recording
 from .recordings import write_recording as write_recording
@@ -44,6 +46,7 @@ from .reference_map import ReferenceMap as ReferenceMap
 from .route import Odometry as Odometry
 from .settings import PRESETS as PRESETS
 from .settings import MatchingChanges as MatchingChanges
+from .settings import PartName as PartName
 from .settings import SettingChanges as SettingChanges
 from .settings import Settings as Settings
 from .settings import resolve_settings as resolve_settings

@@ -7,14 +7,9 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from importlib.metadata import EntryPoint, entry_points
-from typing import Any, NewType
+from typing import Any
 
 from edge_vpr.errors import UsageError
-
-#: Text that names a part, where a type checker would refuse it as misspelt: the part is of another
-#: package (``PartName("plugin:grid")``), or has options (``PartName("edvs:format=E3")``). Python
-#: itself takes the text alone.
-PartName = NewType("PartName", str)
 
 
 class Registry:

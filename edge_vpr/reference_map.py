@@ -42,7 +42,7 @@ from edge_vpr.evaluation.ground_truth import (
 )
 from edge_vpr.evaluation.metrics import Evaluation, RecallDenominator, evaluate
 from edge_vpr.evaluation.tables import load_jumps, load_odometry
-from edge_vpr.evaluation.track_files import load_track
+from edge_vpr.evaluation.track_files import AnyTrack, load_track
 from edge_vpr.evaluation.tracks import Track, with_positions
 from edge_vpr.events import TIME_LIMIT_US, SensorSize
 from edge_vpr.learning import MapUpdate, learn_drive
@@ -53,7 +53,7 @@ from edge_vpr.online.localiser import Localiser, OdometryFeed
 from edge_vpr.online.schedule import MatchSchedule
 from edge_vpr.recordings import Faults, Recording, open_recording
 from edge_vpr.recordings.memory import FORMAT as MEMORY
-from edge_vpr.recordings.memory import is_event_data
+from edge_vpr.recordings.memory import column_names, is_event_data
 from edge_vpr.registration import Registration, register
 from edge_vpr.results import (
     LEFT_OUT,
@@ -149,7 +149,7 @@ class ReferenceMap(MapRecord):
         sensor: SensorSize | None = None,
         pixel_map: PixelMap | PathName | None = None,
         hot: npt.NDArray[np.bool_] | PathName | None = None,
-        track: Track | PathName | None = None,
+        track: AnyTrack | None = None,
         odometry: Odometry | PathName | None = None,
         jumps: npt.NDArray[np.int32] | PathName | None = None,
         removed: Removed | None = None,
@@ -173,8 +173,8 @@ class ReferenceMap(MapRecord):
         hot : ndarray of bool, shape (height, width), or path, optional
             Hot pixels, or a file that lists them. By default they are found, if the settings ask
             for it and at least half of the pixels fire.
-        track : Track or path, optional
-            Of this drive; gives each place its position.
+        track : Track or path or table, optional
+            Of this drive; gives each place its position. See `load_track`.
         odometry : Odometry or path, optional
             Of this drive; gives each place its distance along the drive.
         jumps : ndarray of int32, shape (n, 2), or path, optional
@@ -230,7 +230,7 @@ class ReferenceMap(MapRecord):
         self,
         recording: AnyRecording,
         *,
-        track: Track | PathName | None = None,
+        track: AnyTrack | None = None,
         odometry: Odometry | PathName | None = None,
         same_route: bool = False,
         removed: Removed | None = None,
@@ -246,7 +246,7 @@ class ReferenceMap(MapRecord):
         ----------
         recording : EventSource or WindowSource or path or EventData
             Of the drive, from the camera of the map; see `build`.
-        track : Track or path, optional
+        track : Track or path or table, optional
             Of this drive.
         odometry : Odometry or path, optional
             Of this drive; only a map with distances takes it.
@@ -630,16 +630,16 @@ class MatchResult:
 
     def truth(
         self,
-        reference_track: Track | PathName,
-        query_track: Track | PathName,
+        reference_track: AnyTrack,
+        query_track: AnyTrack,
         tolerance_m: float,
     ) -> GroundTruth:
         """Return the correct places of each query, from the tracks of both drives.
 
         Parameters
         ----------
-        reference_track, query_track : Track or path
-            Time 0 of each is the start of its recording.
+        reference_track, query_track : Track or path or table
+            See `load_track`. Time 0 of each is the start of its recording.
         tolerance_m : float
             A place is correct if it lies within so many metres of the query.
 
@@ -665,9 +665,7 @@ class MatchResult:
             query_events=None if self.queries is None else self.queries.events,
         )
 
-    def _doubted(
-        self, reference: Track | PathName, query: Track | PathName, tolerance_m: float
-    ) -> GroundTruth:
+    def _doubted(self, reference: AnyTrack, query: AnyTrack, tolerance_m: float) -> GroundTruth:
         """Return the truth with notes on what the matches say about it."""
         tracks = _loaded(reference), _loaded(query)
         truth = self._truth(*tracks, tolerance_m)
@@ -691,7 +689,7 @@ class MatchResult:
 
     def evaluate(
         self,
-        truth: GroundTruth | Sequence[Track | PathName],
+        truth: GroundTruth | Sequence[AnyTrack],
         tolerance_m: float | None = None,
         *,
         score: Score | None = None,
@@ -701,8 +699,9 @@ class MatchResult:
 
         Parameters
         ----------
-        truth : GroundTruth, or two tracks or paths of tracks
-            Of two tracks, that of the reference comes first.
+        truth : GroundTruth, or two tracks
+            Each track is a Track, a path or a table (see `load_track`); that of the reference comes
+            first.
         tolerance_m : float, optional
             Needed with two tracks: see `truth`.
         score, recall_denominator
@@ -963,15 +962,17 @@ def removed_record(removed: Removed, hot_pixels: int) -> RemovedEvents:
     return RemovedEvents(removed.events, removed.burst_events, removed.burst_share, hot_pixels)
 
 
-def _track_of(given: Track | PathName | None) -> Track | None:
+def _track_of(given: AnyTrack | None) -> Track | None:
     """Return a track, read from its file if that is given."""
     return None if given is None else _loaded(given)
 
 
-def _loaded(track: Track | PathName) -> Track:
+def _loaded(track: AnyTrack) -> Track:
     if isinstance(track, Track):
         return track
-    expect(track, (str, Path), "track", "the path of a log, or Track(time_us, position)")
+    if column_names(track) is None:
+        give = "the path of a log, a table with time_s and x_m, y_m, or Track(time_us, position)"
+        expect(track, (str, Path), "track", give)
     return load_track(track)
 
 

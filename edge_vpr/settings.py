@@ -18,6 +18,7 @@ from typing import (
     TYPE_CHECKING,
     Any,
     Literal,
+    NewType,
     TypedDict,
     Union,
     get_args,
@@ -27,7 +28,6 @@ from typing import (
 
 from edge_vpr.errors import UsageError, as_path, did_you_mean, expect
 from edge_vpr.files import read_toml
-from edge_vpr.plugins import PartName
 from fixedpoint.limits import MAX_BITS, MAX_FULL_SCALE, OWN_MEAN_BITS
 
 if TYPE_CHECKING:
@@ -42,6 +42,10 @@ Strategy = Literal["variance", "seed-code", "random", "random-upper", "top", "in
 STRATEGIES: tuple[str, ...] = get_args(Strategy)
 #: before the name of a strategy that another package registers; see docs/plugins.md
 PLUGIN = "plugin:"
+#: Text that names a part, where a type checker would refuse it as misspelt: the part is of another
+#: package (``PartName("plugin:grid")``), or has options (``PartName("edvs:format=E3")``). Python
+#: itself takes the text alone.
+PartName = NewType("PartName", str)
 WindowKind = Literal["time", "count"]
 CounterCodeName = Literal["none", "linear", "sqrt", "log"]
 CODES: tuple[str, ...] = get_args(CounterCodeName)

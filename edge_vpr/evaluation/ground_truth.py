@@ -5,6 +5,7 @@ from __future__ import annotations
 import warnings
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
+from fractions import Fraction
 from functools import partial
 from pathlib import Path
 from typing import Any, Literal, NamedTuple
@@ -18,6 +19,7 @@ from edge_vpr.evaluation import doubts
 from edge_vpr.evaluation.tables import read_table
 from edge_vpr.evaluation.tracks import Floats, Track, distances, interpolate, unix_remedy
 from edge_vpr.files import open_input
+from edge_vpr.recordings import parse_period
 from edge_vpr.route import Kind
 
 #: Number of distances that are computed at a time: a few arrays of 8 MB.
@@ -242,13 +244,12 @@ def _described_truth(
     return truth
 
 
-def _window_coordinates(values: npt.ArrayLike, which: str) -> Floats:
-    """Return coordinates of windows as float64, shape (n,), n of at least 1."""
+def _window_times(values: npt.ArrayLike, which: str) -> Floats:
+    """Return times of windows as float64, shape (n,), n of at least 1."""
     array = np.asarray(values, dtype=np.float64)
     if array.ndim != 1 or array.size == 0:
         raise GroundTruthError(
-            f"{which} windows have coordinates of shape {array.shape}: give one a window, "
-            "at least one"
+            f"{which} windows have times of shape {array.shape}: give one a window, at least one"
         )
     return array
 
@@ -324,8 +325,8 @@ def from_tracks(
             "give two tracks of one kind"
         )
     remedy = unix_remedy(reference, query)
-    reference_us = _window_coordinates(reference_times_us, "reference")
-    query_us = _window_coordinates(query_times_us, "query")
+    reference_us = _window_times(reference_times_us, "reference")
+    query_us = _window_times(query_times_us, "query")
     notes = list(doubts.notes(reference, query, reference_us, query_us, tolerance_m))
     reference, places, frozen = _placed(
         reference, reference_us, reference_events, "reference", remedy
@@ -402,22 +403,27 @@ def _form(track: Track) -> str:
 
 
 class Alignment(NamedTuple):
-    """Pairs of moments at which two recordings show the same place."""
+    """Pairs of moments at which two recordings show the same place.
 
-    #: Shape (n, 2): coordinate in the query, coordinate in the reference; the first strictly
-    #: increasing.
-    pairs: Floats
-    unit: Literal["frame", "s"]  #: Of both coordinates.
+    >>> Alignment([[0, 0], [60, 55.5]], "s").unit
+    's'
+    """
 
-    def coordinate(self, times_us: npt.ArrayLike, frame_period_us: float | None = None) -> Floats:
-        """Convert times in microseconds to coordinates of this alignment.
+    #: Shape (n, 2): moment in the query, moment in the reference; the first strictly increasing.
+    pairs: npt.ArrayLike
+    unit: Literal["frame", "s"]  #: Of both moments.
+
+    def coordinate(
+        self, times_us: npt.ArrayLike, frame_period: Fraction | float | str | None = None
+    ) -> Floats:
+        """Convert times in microseconds to moments of this alignment.
 
         Parameters
         ----------
         times_us : array_like, shape (m,)
             From the recording's start.
-        frame_period_us : float, optional
-            Needed where the unit is frames: frame i begins at ``i * frame_period_us``.
+        frame_period : Fraction or float or str, optional
+            Seconds a frame, needed for frames: frame i begins at ``i * frame_period``.
 
         Returns
         -------
@@ -426,16 +432,17 @@ class Alignment(NamedTuple):
         times = np.asarray(times_us, dtype=np.float64)
         if self.unit == "s":
             return times / 1e6
-        if frame_period_us is None or not frame_period_us > 0:
+        if self.unit != "frame":
+            raise GroundTruthError(f"alignment unit {self.unit!r} is unknown: use s or frame")
+        if frame_period is None:
             raise GroundTruthError(
-                f"the alignment is in frames and the frame period is {frame_period_us}: "
-                "state it in microseconds, greater than 0"
+                "the alignment is in frames: pass frame_period=, for example frame_period='1/30'"
             )
-        return times / frame_period_us
+        return times / float(parse_period(frame_period) * 1_000_000)
 
 
 def load_alignment(path: str | Path) -> Alignment:
-    """Read an alignment from a CSV file, its orientation and unit from the header.
+    """Read an alignment for `from_alignment` from a CSV file, orientation and unit from the header.
 
     Parameters
     ----------
@@ -474,41 +481,58 @@ def load_alignment(path: str | Path) -> Alignment:
 
 
 def from_alignment(
-    pairs: npt.ArrayLike,
-    query_coordinate: npt.ArrayLike,
-    reference_coordinate: npt.ArrayLike,
+    alignment: Alignment,
+    reference_times_us: npt.ArrayLike,
+    query_times_us: npt.ArrayLike,
     tolerance: float,
-    unit: str = "",
+    *,
+    frame_period: Fraction | float | str | None = None,
 ) -> GroundTruth:
-    """Return the truth: places within `tolerance` of the aligned coordinate, linear between points.
+    """Return the truth: places within `tolerance` of the aligned moment, linear between pairs.
 
     Parameters
     ----------
-    pairs : array_like, shape (n, 2)
-        Coordinate in the query, coordinate in the reference; the first strictly increasing.
-    query_coordinate, reference_coordinate : array_like, shapes (Q,) and (K,)
-        Of the windows' centres, in the unit of `pairs` (see `Alignment.coordinate`).
+    alignment : Alignment
+        Of `load_alignment`, or ``Alignment(pairs, "s")`` of moments in query and reference.
+    reference_times_us, query_times_us : array_like, shapes (K,) and (Q,)
+        Times of the windows' centres, in microseconds from each recording's start.
     tolerance : float
-        In the same unit, inclusive.
-    unit : str, optional
-        For the description.
+        In the unit of the alignment, inclusive.
+    frame_period : Fraction or float or str, optional
+        Seconds a frame, for an alignment in frames.
 
     Returns
     -------
     GroundTruth
-        A query is known between the first and the last of the points.
+        A query is known between the first and the last of the pairs.
 
     Raises
     ------
     GroundTruthError
-        If the points do not increase, or no query lies between them.
+        If the pairs do not increase, or no query lies between them.
+
+    Examples
+    --------
+    >>> pairs = Alignment([[0, 0], [60, 55]], "s")  # load_alignment("pairs.csv")
+    >>> from_alignment(pairs, [500_000, 1_500_000], [400_000], tolerance=0.5).correct.tolist()
+    [[True], [False]]
+
+    Of matches, the times are those of the map and of the result:
+
+    >>> truth = from_alignment(
+    ...     pairs, route.place_time_us, result.query_time_us, tolerance=2
+    ... )  # doctest: +SKIP
+    >>> result.evaluate(truth).precision_at_100_recall  # doctest: +SKIP
     """
+    expect(
+        alignment, Alignment, "alignment", "what load_alignment returned, or Alignment(pairs, 's')"
+    )
     _check_tolerance(tolerance)
-    unit = "frames" if unit == "frame" else unit
-    points = np.asarray(pairs, dtype=np.float64)
+    points = np.asarray(alignment.pairs, dtype=np.float64)
     _check_pairs(points)
-    queries = _window_coordinates(query_coordinate, "query")
-    places = _window_coordinates(reference_coordinate, "reference")
+    queries = alignment.coordinate(_window_times(query_times_us, "query"), frame_period)
+    places = alignment.coordinate(_window_times(reference_times_us, "reference"), frame_period)
+    unit = "frames" if alignment.unit == "frame" else alignment.unit
     expected = interpolate(queries, points[:, 0], points[:, 1:])[:, 0]
     known = ~np.isnan(expected)
     if not known.any():
@@ -520,10 +544,8 @@ def from_alignment(
     truth = _described_truth(
         correct,
         known,
-        f"alignment of {len(points)} points at {tolerance:g} {unit}".rstrip(),
-        doubts.spacing_note(
-            np.abs(np.diff(places)), tolerance, f"{unit}s" if unit == "frame" else unit
-        ),
+        f"alignment of {len(points)} points at {tolerance:g} {unit}",
+        doubts.spacing_note(np.abs(np.diff(places)), tolerance, unit),
         positions=TruePositions(
             places[:, None],
             expected[:, None],

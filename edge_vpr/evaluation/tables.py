@@ -121,7 +121,7 @@ def read_table(path: str | Path) -> tuple[tuple[str, ...], Floats]:
 
 
 #: cells of a value that is not known
-UNKNOWN = ("", "nan", "na", "n/a", "null", "none", "-")
+UNKNOWN = ("", "nan", "na", "n/a", "null", "none", "nat", "-")
 
 
 def numbers(

@@ -5,9 +5,11 @@ from __future__ import annotations
 import datetime as dt
 import re
 from collections import Counter
+from collections.abc import Mapping
 from itertools import takewhile
 from pathlib import Path
 from types import MappingProxyType
+from typing import Any, TypeAlias
 from xml.etree import ElementTree
 
 import numpy as np
@@ -20,19 +22,28 @@ from edge_vpr.evaluation.tables import UNKNOWN, Floats, numbers, read_cells, rea
 from edge_vpr.evaluation.tracks import Track
 from edge_vpr.events import TIME_LIMIT_US
 from edge_vpr.files import replacing
+from edge_vpr.recordings.memory import NamedTable, column_names
 from edge_vpr.route import Kind
 
 #: of files that can be a table or poses
 _TEXTS = (".csv", ".tsv", ".txt", ".tum", ".log", ".dat")
 
 
-def load_track(path: str | Path, *, max_gap_s: float | None = None) -> Track:
+#: a table with named columns that a program holds, such as a DataFrame or a dictionary
+TrackTable: TypeAlias = Mapping[str, npt.ArrayLike] | NamedTable
+#: a track as callers hold it
+AnyTrack: TypeAlias = Track | TrackTable | str | Path
+_PLACE = Path("the track data")
+
+
+def load_track(path: str | Path | TrackTable, *, max_gap_s: float | None = None) -> Track:
     """Read a track from a GPS log, a table with names, or poses as TUM and KITTI write them.
 
     Parameters
     ----------
-    path : str or Path
-        GPS logs are known by their content: NMEA and GPX. A table has a header, which can be a
+    path : str or Path or TrackTable
+        A file, or a table in memory by the same rules (a DataFrame, an Arrow table, a mapping). GPS
+        logs are known by their content: NMEA and GPX. A table has a header, which can be a
         comment, as in EuRoC. Its columns are the time (``time_s``, ``timestamp``, ``timestamp
         [ns]``; seconds if the name has no unit; or dates with times), and ``latitude,longitude``,
         ``x_m[,y_m[,z_m]]``, ``tx,ty,tz``, EuRoC's ``p_RS_R_x [m],...``, ``position_m``, or without
@@ -55,14 +66,21 @@ def load_track(path: str | Path, *, max_gap_s: float | None = None) -> Track:
     GroundTruthError
         If the file cannot be read or is not of this form, or a log holds no position, or its time
         runs backwards.
+
+    Examples
+    --------
+    >>> load_track({"time_s": [0.0, 1.0, 2.0], "x_m": [0.0, 4.0, 9.0]}).at([500_000]).tolist()
+    [[2.0]]
     """
-    path = as_path(path, "a track")
     if max_gap_s is not None and not max_gap_s > 0:
         raise GroundTruthError(
             f"a longest gap of {max_gap_s:g} s (max_gap_s=): expected seconds such as 20"
         )
+    names = column_names(path)
+    place = as_path(path, "a track") if names is None else _PLACE
     try:
-        fixes = possible(in_order(_fixes(path)))
+        found = _fixes(place) if names is None else _named_columns(place, *_cells(path, names))
+        fixes = possible(in_order(found))
         return Track(
             fixes.time_us,
             fixes.position,
@@ -75,7 +93,9 @@ def load_track(path: str | Path, *, max_gap_s: float | None = None) -> Track:
         )
     except GroundTruthError as error:
         message = str(error)
-        raise GroundTruthError(message if str(path) in message else f"{path}: {message}") from None
+        raise GroundTruthError(
+            message if str(place) in message else f"{place}: {message}"
+        ) from None
 
 
 def _fixes(path: Path) -> Fixes:
@@ -87,7 +107,9 @@ def _fixes(path: Path) -> Fixes:
     if suffix == ".gpx" or start.startswith(("<?xml", "<gpx")):
         return _gpx(text)
     if suffix in _TEXTS:
-        return _named_columns(path, text) if _has_header(text) else _poses(path, text)
+        if _has_header(text):
+            return _named_columns(path, *read_cells(path, text))
+        return _poses(path, text)
     raise GroundTruthError(
         "this is not a track: give a log of NMEA or GPX, a .csv table, or poses of TUM or KITTI "
         "(.tum, .txt)"
@@ -255,9 +277,23 @@ def _has_header(text: str) -> bool:
     return False
 
 
-def _named_columns(path: Path, text: str) -> Fixes:
+def _cells(table: Any, names: list[str]) -> tuple[tuple[str, ...], list[list[str]]]:
+    """Return the header and the rows of a table in memory, as `read_cells` does of a file."""
+    columns = [np.asarray(table[name]) for name in names]
+    shapes = {column.shape for column in columns}
+    if len(shapes) != 1 or columns[0].ndim != 1 or not columns[0].size:
+        raise GroundTruthError(
+            f"{_PLACE} has columns of shapes {', '.join(str(each.shape) for each in columns)}: "
+            "give one value a row in each, at least one row"
+        )
+    # text of NumPy's dates keeps all digits, and that of its floats all bits
+    cells = [(each.astype(str) if each.dtype.kind == "M" else each).tolist() for each in columns]
+    header = tuple(name.strip().lower() for name in names)
+    return header, [[str(cell) for cell in row] for row in zip(*cells, strict=True)]
+
+
+def _named_columns(path: Path, header: tuple[str, ...], rows: list[list[str]]) -> Fixes:
     """Return times and positions of a table, found by the names of its columns."""
-    header, rows = read_cells(path, text)
     times = [i for i, name in enumerate(header) if _TIME_COLUMN.fullmatch(name)]
     names = [_POSITION_UNIT.sub("", name) for name in header]
     found = []

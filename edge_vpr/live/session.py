@@ -31,10 +31,16 @@ from edge_vpr.live.recorder import Recorder, check_recorded
 from edge_vpr.live.state import StateFile, check_state_file, state_steps
 from edge_vpr.live.watches import SILENT_S, LagWatch, LineWatch, MisfitWatch
 from edge_vpr.online.schedule import MatchSchedule
-from edge_vpr.plugins import PartName
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.results import check_new_file, check_new_map
-from edge_vpr.settings import MatchingChanges, Preset, Settings, duration_us, resolve_settings
+from edge_vpr.settings import (
+    MatchingChanges,
+    PartName,
+    Preset,
+    Settings,
+    duration_us,
+    resolve_settings,
+)
 from edge_vpr.warm_up import warm_up
 
 #: Interval at which it is said what is compiled.

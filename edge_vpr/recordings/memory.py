@@ -16,7 +16,7 @@ from edge_vpr.recordings.reading import Columns, FaultLog, ReadOptions, Source
 from edge_vpr.recordings.table import array_columns, check_order, match_columns, tidy
 
 
-class EventTable(Protocol):
+class NamedTable(Protocol):
     """Table with named columns, as those of pandas, polars and Arrow."""
 
     @property
@@ -30,7 +30,7 @@ class EventTable(Protocol):
 #: Events in memory: a structured array, an array with a column for each of t, x, y and p, these
 #: four as a sequence, or a table of them by name (a DataFrame, a mapping).
 EventData: TypeAlias = (
-    npt.NDArray[Any] | Sequence[npt.ArrayLike] | Mapping[str, npt.ArrayLike] | EventTable
+    npt.NDArray[Any] | Sequence[npt.ArrayLike] | Mapping[str, npt.ArrayLike] | NamedTable
 )
 #: Stands for a path in messages.
 _PLACE = Path("the event data")
@@ -43,13 +43,13 @@ def is_event_data(given: object) -> bool:
         return False
     return (
         isinstance(given, np.ndarray | tuple | list)
-        or _column_names(given) is not None
+        or column_names(given) is not None
         or hasattr(given, "__array__")
         or _is_data_set(given)
     )
 
 
-def _column_names(table: object) -> list[str] | None:
+def column_names(table: object) -> list[str] | None:
     """Return the names of the columns of an Arrow table, a DataFrame or a mapping."""
     for attribute in ("column_names", "columns"):
         names = getattr(table, attribute, None)
@@ -68,7 +68,7 @@ def _is_sample(given: object) -> bool:
     if not isinstance(given, tuple | list) or len(given) != 2:
         return False
     events = given[0]
-    return _column_names(events) is not None or (
+    return column_names(events) is not None or (
         isinstance(events, np.ndarray) and (events.dtype.names is not None or events.ndim == 2)
     )
 
@@ -117,7 +117,7 @@ class MemorySource(Source):
 def _columns_of(given: Any, options: ReadOptions) -> tuple[dict[str, npt.NDArray[Any]], str | None]:
     """Return the columns t, x, y and perhaps p as arrays, and the unit of t if it is stated."""
     order = options.columns
-    if (names := _column_names(given)) is not None:
+    if (names := column_names(given)) is not None:
         named = match_columns(names, order)
         if named is None:
             raise RecordingError(

@@ -13,7 +13,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from edge_vpr.errors import GroundTruthError
+from edge_vpr.errors import GroundTruthError, UsageError
 from edge_vpr.evaluation import ground_truth
 from edge_vpr.evaluation.ground_truth import (
     Alignment,
@@ -424,6 +424,7 @@ def test_gps_at_70_m_confirms_the_published_matches_of_sunset_1_and_2(shared_dat
 def test_truth_from_an_alignment_is_the_oracles(times, data, tolerance, cells):
     values = data.draw(st.lists(st.integers(0, 60), min_size=len(times), max_size=len(times)))
     pairs = list(zip(times, values, strict=True))
+    alignment = Alignment(pairs, "s")
     queries, places = np.arange(0, 220, 7), np.arange(0, 60, 2)
     expected = [naive.interpolate(pairs, int(q)) for q in queries]
     correct = [[e is not None and abs(k - e) <= tolerance for e in expected] for k in places]
@@ -431,9 +432,9 @@ def test_truth_from_an_alignment_is_the_oracles(times, data, tolerance, cells):
         patch.setattr(ground_truth, "BLOCK_CELLS", cells)
         if not np.any(correct):
             with pytest.raises(GroundTruthError):
-                from_alignment(pairs, queries, places, tolerance)
+                from_alignment(alignment, places * SECOND, queries * SECOND, tolerance)
             return
-        truth = from_alignment(pairs, queries, places, tolerance)
+        truth = from_alignment(alignment, places * SECOND, queries * SECOND, tolerance)
     np.testing.assert_array_equal(truth.correct, correct)
     np.testing.assert_array_equal(truth.known, [e is not None for e in expected])
 
@@ -475,26 +476,31 @@ def test_an_alignment_that_leaves_a_question_is_refused(tmp_path, text, message)
 
 def test_frames_need_their_period():
     alignment = Alignment(np.array([[0.0, 0.0], [9.0, 9.0]]), "frame")
-    assert alignment.coordinate([0, 50_000], 1e6 / 30).tolist() == [0.0, 1.5]
-    for period in (None, 0.0, math.nan):
-        with pytest.raises(GroundTruthError, match="state it in microseconds"):
-            alignment.coordinate([0], period)
+    assert alignment.coordinate([0, 50_000], "1/30").tolist() == [0.0, 1.5]
+    with pytest.raises(GroundTruthError, match="pass frame_period="):
+        alignment.coordinate([0])
+    with pytest.raises(UsageError, match=r"frame period 0\.0 is no positive number"):
+        alignment.coordinate([0], 0.0)
+    with pytest.raises(GroundTruthError, match="unit 'frames' is unknown: use s or frame"):
+        alignment._replace(unit="frames").coordinate([0])
     assert alignment._replace(unit="s").coordinate([1_500_000]).tolist() == [1.5]
 
 
 def test_the_wrong_unit_shows_in_the_error():
-    pairs = [[100, 270], [3640, 3283]]
+    alignment, seconds = Alignment([[100, 270], [3640, 3283]], "s"), np.arange(0.5, 9) * SECOND
     with pytest.raises(GroundTruthError, match=r"covers query 100 to 3640 .* lie at 0.5 to 8.5"):
-        from_alignment(pairs, np.arange(0.5, 9), np.arange(0.5, 9), 60)
+        from_alignment(alignment, seconds, seconds, 60)
     with pytest.raises(GroundTruthError, match="no place lies within 60 of an aligned query"):
-        from_alignment(pairs, np.arange(100, 200), np.arange(0.5, 9), 60)
+        from_alignment(alignment, seconds, np.arange(100, 200) * SECOND, 60)
+    with pytest.raises(UsageError, match=r"give what load_alignment returned, or Alignment\("):
+        from_alignment(alignment.pairs, seconds, seconds, 60)
 
 
 def test_speck_walks_has_truth_for_the_queries_that_its_alignment_covers(shared_data):
     alignment = load_alignment(shared_data / "speck_walks/ground_truth.csv")
     frames = np.arange(30 // 2, 3723, 30)  # centres of windows of 30 frames
     places = np.arange(30 // 2, 3453, 30)
-    truth = from_alignment(alignment.pairs, frames, places, 60, alignment.unit)
+    truth = from_alignment(alignment, places * SECOND, frames * SECOND, 60, frame_period=1)
     np.testing.assert_array_equal(truth.known, (frames >= 100) & (frames <= 3640))
     np.testing.assert_array_equal(truth.has_place, truth.known)
     # 60 frames either side hold 4 windows of 30, or 5 where one lies right in the middle

@@ -327,3 +327,51 @@ def test_unix_times_of_a_recording_of_such_times_name_its_own_start():
     with pytest.raises(GroundTruthError, match=rf"shift by -{UNIX_S}\.75 s \(Track.shifted\)$"):
         ReferenceMap.build(drive, pixels=20, track=track)
     ReferenceMap.build(drive, pixels=20, track=track.shifted(-UNIX_S - 0.75))
+
+
+def test_a_table_in_memory_is_the_track_of_its_file(tmp_path):
+    pandas = pytest.importorskip("pandas")
+    table = {
+        "Timestamp [ns]": [0, 500_000_000, 2_000_000_001],
+        "x_m": [0.1, 2, 7],
+        "note": [*"abc"],
+    }
+    table["x_m"][2] = float("nan")
+    pandas.DataFrame(table).to_csv(tmp_path / "track.csv", index=False)
+    track = load_track(tmp_path / "track.csv")
+    assert (track.time_us.tolist(), track.position.tolist()) == ([0, 500_000], [[0.1], [2.0]])
+    tables = [
+        table,
+        pandas.DataFrame(table),
+        {name: np.array(each) for name, each in table.items()},
+    ]
+    if pyarrow := pytest.importorskip("pyarrow"):
+        tables.append(pyarrow.table(table))
+    assert [load_track(each) == track for each in tables] == [True] * 4
+
+
+@pytest.mark.parametrize("zone", [None, "Europe/Berlin"])
+def test_dates_of_a_table_in_memory_are_read_to_the_microsecond(zone):
+    pandas = pytest.importorskip("pandas")
+    dates = pandas.to_datetime(["2024-03-04T10:00:00.000000", None, "2024-03-04T10:00:01.000250"])
+    where = {"latitude": [50.0, 50.1, 50.2], "longitude": [8.0, 8.1, 8.2]}
+    track = load_track(pandas.DataFrame({"time": dates.tz_localize(zone), **where}), max_gap_s=2)
+    assert track.time_us.tolist() == [0, 1_000_250]
+    assert track.start_utc == dt.datetime(2024, 3, 4, 10 if zone is None else 9, tzinfo=dt.UTC)
+    assert track.dropped == {"no time": 1}
+    assert track.max_gap_us == 2_000_000
+
+
+@pytest.mark.parametrize(
+    ("table", "message"),
+    [
+        ({"a": [1]}, "^the track data has the header 'a': expected time_s"),
+        ({"time_s": [1, 2], "x_m": [1]}, r"has columns of shapes \(2,\), \(1,\): give one value"),
+        ({"time_s": [], "x_m": []}, "at least one row"),
+        ({}, "columns of shapes : give"),
+        ({"time_s": [0, 1], "x_m": ["here", "there"]}, "row 1 is '0,here', not 2 numbers"),
+    ],
+)
+def test_a_table_in_memory_that_is_no_track_is_refused(table, message):
+    with pytest.raises(GroundTruthError, match=message):
+        load_track(table)

@@ -29,7 +29,7 @@ from edge_vpr_tools.research.experiments.pairs import INNER, CountedDrive, Count
 from test_network_baselines import conv_model
 
 from edge_vpr.descriptors.windows import Descriptors
-from edge_vpr.evaluation.ground_truth import from_alignment
+from edge_vpr.evaluation.ground_truth import Alignment, from_alignment
 from edge_vpr.matching.distances import ReferenceIndex
 from edge_vpr.matching.drive import match_descriptors
 from edge_vpr.reference_map import ReferenceMap
@@ -41,8 +41,8 @@ SETTINGS = PRESETS["paper"].replaced({"sequence_length": 2, "sigma": 2.0, "pixel
 
 
 def truth_of(places_us, queries_us):
-    ends = np.array([[0.0, 0.0], [100.0, 100.0]])
-    return from_alignment(ends, queries_us / TAU, places_us / TAU, 1.0, "s")
+    ends = Alignment([[0, 0], [100, 100]], "s")
+    return from_alignment(ends, places_us, queries_us, 1.0)
 
 
 TRUTHS = {"1 s": truth_of}

@@ -31,7 +31,6 @@ from edge_vpr.evaluation.ground_truth import (
 from edge_vpr.evaluation.track_files import load_track
 from edge_vpr.evaluation.tracks import Track
 from edge_vpr.files import parse_errors, read_json
-from edge_vpr.recordings import parse_period
 from edge_vpr.reference_map import MatchResult
 from edge_vpr.results import RecordError, RunRecord, from_json
 from edge_vpr_tools.console import note, warning
@@ -113,14 +112,8 @@ class TruthFiles:
                 f"{files[0]} is in frames, and how long a frame lasts is not given: say for "
                 "example --frame-period 1/30"
             )
-        given = self.frame_period
-        period = None if given is None else float(parse_period(given) * 1_000_000)
         return from_alignment(
-            alignment.pairs,
-            alignment.coordinate(queries_us, period),
-            alignment.coordinate(places_us, period),
-            self.tolerance,
-            alignment.unit,
+            alignment, places_us, queries_us, self.tolerance, frame_period=self.frame_period
         )
 
     def swapped(self) -> TruthFiles:

@@ -13,7 +13,12 @@ import numpy as np
 
 from edge_vpr.descriptors.windows import PublishedWindows
 from edge_vpr.errors import UsageError
-from edge_vpr.evaluation.ground_truth import GroundTruth, from_alignment, load_alignment
+from edge_vpr.evaluation.ground_truth import (
+    Alignment,
+    GroundTruth,
+    from_alignment,
+    load_alignment,
+)
 from edge_vpr.evaluation.track_files import load_track
 from edge_vpr.recordings import open_recording
 from edge_vpr.settings import PRESETS
@@ -184,11 +189,14 @@ def _indoor(folder: Path) -> Iterator[Pair]:
 
 
 def _truth_indoor(places_us: Times, queries_us: Times) -> GroundTruth:
-    period_us = float(_INDOOR_PERIOD * 1_000_000)
-    places, queries = (np.floor(times / period_us) for times in (places_us, queries_us))
-    first, last = float(_INDOOR_FROM), float(queries.max())
-    alignment = np.array([[first, first - _INDOOR_LAG], [last, last - _INDOOR_LAG]])
-    return from_alignment(alignment, queries, places, _INDOOR_TOLERANCE, "frames")
+    # by the frames in which the windows lie, not by their centres
+    period_us = int(_INDOOR_PERIOD * 1_000_000)
+    places_us, queries_us = (times // period_us * period_us for times in (places_us, queries_us))
+    first, last = _INDOOR_FROM, int(queries_us.max()) // period_us
+    alignment = Alignment([[first, first - _INDOOR_LAG], [last, last - _INDOOR_LAG]], "frame")
+    return from_alignment(
+        alignment, places_us, queries_us, _INDOOR_TOLERANCE, frame_period=_INDOOR_PERIOD
+    )
 
 
 #: of the walks, not published with the data; windows have 30 frames whatever the period is
@@ -211,15 +219,10 @@ def _walks(folder: Path) -> Iterator[Pair]:
 def truth_of_walks(folder: Path) -> TruthOf:
     """Return the published alignment of the two walks as ground truth."""
     alignment = load_alignment(folder / "ground_truth.csv")
-    period_us = float(_FRAME_PERIOD * 1_000_000)
 
     def truth_of(places_us: Times, queries_us: Times) -> GroundTruth:
         return from_alignment(
-            alignment.pairs,
-            alignment.coordinate(queries_us, period_us),
-            alignment.coordinate(places_us, period_us),
-            _WALKS_TOLERANCE,
-            "frames",
+            alignment, places_us, queries_us, _WALKS_TOLERANCE, frame_period=_FRAME_PERIOD
         )
 
     return truth_of
