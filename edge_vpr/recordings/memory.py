@@ -73,6 +73,28 @@ def _is_sample(given: object) -> bool:
     )
 
 
+def _refuse_several(given: object) -> None:
+    """Refuse a sequence of recordings, of which the first would look like a sample's events."""
+    if not isinstance(given, tuple | list):
+        return
+    several = sum(_is_recording(each) for each in given)
+    if all(isinstance(each, str | Path) for each in given):
+        several = len(given)
+    if several > 1 or several == len(given) == 1:
+        raise UsageError(
+            f"a drive is one recording, and the {type(given).__name__} holds {several}: give one "
+            "of them; a map learns further drives by route.update(recording)"
+        )
+
+
+def _is_recording(one: object) -> bool:
+    """Return whether an object is a recording, or events with names."""
+    if hasattr(one, "sensor") and hasattr(one, "__iter__"):
+        return True
+    names = one.dtype.names if isinstance(one, np.ndarray) else column_names(one)
+    return names is not None and match_columns(list(names), None) is not None
+
+
 class MemorySource(Source):
     """Source of events in memory, which are read by the rules for tables in files.
 
@@ -89,11 +111,13 @@ class MemorySource(Source):
         if _is_data_set(given):
             if len(given) != 1:
                 raise UsageError(
-                    f"the data set holds {len(given):,} recordings: give one, such as dataset[0], "
-                    "with sensor=dataset.sensor_size"
+                    f"the data set holds {len(given):,} recordings, and a drive is one: give the "
+                    "events of one, dataset[0][0], with sensor=dataset.sensor_size; a map learns "
+                    "further drives by route.update(dataset[1][0])"
                 )
             options = replace(options, sensor=options.sensor or Sensor.of(given.sensor_size))
             given = given[0]
+        _refuse_several(given)
         if _is_sample(given):
             given = given[0]
         self._columns, self._unit = _columns_of(given, options)
@@ -133,7 +157,8 @@ def _columns_of(given: Any, options: ReadOptions) -> tuple[dict[str, npt.NDArray
         if len(given) < 3 or len(given) != len(wanted):
             raise UsageError(
                 f"the event data is a sequence of {len(given)}: give t, x, y and p as four "
-                "arrays, or name their order with columns='xytp', for example"
+                "arrays, or name their order with columns='xytp', for example; of a data set's "
+                "sample its events, such as dataset[0][0]"
             )
         arrays = [np.asarray(column) for column in given]
         if order is None and all(a.ndim == 1 and a.dtype.kind in "iufb" for a in arrays):

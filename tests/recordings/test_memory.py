@@ -1,5 +1,6 @@
 """Events in memory are recordings: each form of them gives the map that their file gives."""
 
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -120,8 +121,17 @@ def test_events_in_memory_are_checked_counted_and_cut_as_those_of_a_file(events)
     "given, complaint",
     [
         (lambda events: events, "does not say how large its sensor is"),
-        (lambda events: Sample(events, 6), "holds 6 recordings: give one, such as"),
+        (lambda events: Sample(events, 6), r"holds 6 recordings, .* give .* dataset\[0\]\[0\],"),
         (lambda events: four(events)[:2], "is a sequence of 2"),
+        (lambda events: ((events, [1, 2], [3, 4]), 7), r"of a data set's sample its events"),
+        (lambda events: (events, events), "drive is one recording, and the tuple holds 2"),
+        (lambda events: [events], "list holds 1: give one"),
+        (lambda events: ["a.raw", Path("b.raw")], "the list holds 2: give"),
+        (lambda events: [open_recording(events, sensor="32x32")] * 2, "the list holds 2"),
+        (
+            lambda events: [{name: events[name] for name in "txyp"}] * 2,
+            "the list holds 2: give one",
+        ),
         (lambda events: [events["x"], events["y"], events["t"], events["p"]], "x, y, t, p"),
         (lambda events: {"a": events["x"], "b": events["y"]}, "has the columns a, b, and not"),
         (lambda events: {"t": events["t"], "x": events["x"][1:], "y": events["y"]}, "of shapes"),
