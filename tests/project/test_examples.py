@@ -222,6 +222,41 @@ def test_the_firmware_is_built_of_the_map_that_is_named_also_of_an_older_one(exp
         assert says in done.stdout + done.stderr
 
 
+@pytest.mark.parametrize("generator", ["Unix Makefiles", "Ninja"])
+def test_cmake_builds_of_the_map_as_it_is_and_only_what_changed(expected, tmp_path, generator):
+    """Also of an older map, under the same name or under another."""
+    for program in ("cmake", "arm-none-eabi-gcc", *["ninja"] * (generator == "Ninja")):
+        if shutil.which(program) is None:
+            pytest.skip(f"{program} is not installed")
+    maps = [tmp_path / name for name in ("map.h", "older.h")]
+    for path in maps:
+        shutil.copy(expected[0], path)
+    maps[1].write_text(maps[0].read_text().replace("0x49525056U", "0U", 1))
+    os.utime(maps[1], (0, 0))
+    built, program = tmp_path / "build", tmp_path / "build" / "firmware.elf"
+
+    def build() -> tuple[int, bytes]:
+        done = subprocess.run(
+            ["cmake", "--build", str(built)], capture_output=True, text=True, check=True
+        )
+        return done.stdout.count("Building"), program.read_bytes()
+
+    def name(path: Path) -> None:
+        words = [*with_cmake(path, built)[0], "-G", generator]
+        subprocess.run(words, capture_output=True, check=True, cwd=M4)
+
+    name(maps[0])
+    _, first = build()
+    assert build() == (0, first)
+    name(maps[1])
+    one, second = build()
+    assert one == 1 and second != first
+    name(maps[0])
+    assert build() == (1, first)
+    shutil.copy2(maps[1], maps[0])
+    assert build() == (1, second)
+
+
 def boot(elf: Path, flash: int = 0, ram_bytes: int = 64 << 10) -> dict[str, int]:
     """Reset an emulated Cortex-M4 whose flash holds the program; RAM holds what nobody wrote."""
     unicorn = pytest.importorskip("unicorn", reason="unicorn emulates the processor")
