@@ -11,14 +11,13 @@ import numpy as np
 import numpy.typing as npt
 
 from edge_vpr.errors import UsageError
-from edge_vpr.evaluation.tracks import Floats, local_metres
+from edge_vpr.evaluation.tracks import UNIX_US, Floats, local_metres
 from edge_vpr.files import replacing
 from edge_vpr.map_record import MapRecord
 from edge_vpr.matching.matches import Matches
 
 SUFFIXES = (".gpx", ".geojson", ".tum")
-#: a recording does not say when it was made: its time 0 is written as this
-_ZERO = dt.datetime(1970, 1, 1, tzinfo=dt.UTC)
+_UNIX_ZERO = dt.datetime(1970, 1, 1, tzinfo=dt.UTC)
 _GPX = "http://www.topografix.com/GPX/1/1"
 
 
@@ -47,7 +46,9 @@ def check_track_file(path: str | Path, reference: MapRecord) -> None:
         )
 
 
-def save_match_track(path: str | Path, reference: MapRecord, matches: Matches) -> int:
+def save_match_track(
+    path: str | Path, reference: MapRecord, matches: Matches, *, start_us: int | None = None
+) -> int:
     """Write the positions of the matched places as a track, atomically.
 
     Matches with a place of unknown position are left out, as are lost ones, except in GeoJSON,
@@ -56,10 +57,13 @@ def save_match_track(path: str | Path, reference: MapRecord, matches: Matches) -
     Parameters
     ----------
     path : str or Path
-        ``.gpx``: one track; the recording's time 0 is written as 1970-01-01. ``.geojson``: a point
-        for each match, with its time, place, probability and metres along the route. ``.tum``:
-        seconds, metres and no rotation, as evo reads it; of geographic positions, metres east and
-        north of the first place of the map, which a comment names.
+        ``.gpx``: one track. ``.geojson``: a point for each match, with its time, place, probability
+        and metres along the route. ``.tum``: seconds, metres and no rotation, as evo reads it; of
+        geographic positions, metres east and north of the first place of the map, which a comment
+        names.
+    start_us : int, optional
+        Start of the recording on its own clock (`Recording.start_us`). Where that clock counts from
+        1970, the points of a ``.gpx`` have dates, else they have no time.
 
     Returns
     -------
@@ -74,9 +78,13 @@ def save_match_track(path: str | Path, reference: MapRecord, matches: Matches) -
     if suffix != ".geojson":
         kept &= ~matches.lost
     rows = np.flatnonzero(kept)
-    write = {".gpx": _gpx, ".geojson": _geojson, ".tum": _tum}[suffix]
+    if suffix == ".gpx":
+        dated = start_us is not None and start_us >= UNIX_US
+        text = _gpx(reference, matches, rows, start_us if dated else None)
+    else:
+        text = (_geojson if suffix == ".geojson" else _tum)(reference, matches, rows)
     with replacing(path) as temporary:
-        temporary.write_text(write(reference, matches, rows), encoding="utf-8")
+        temporary.write_text(text, encoding="utf-8")
     return len(rows)
 
 
@@ -91,15 +99,16 @@ def _positions(reference: MapRecord) -> Floats:
 Rows = npt.NDArray[np.intp]
 
 
-def _gpx(reference: MapRecord, matches: Matches, rows: Rows) -> str:
+def _gpx(reference: MapRecord, matches: Matches, rows: Rows, start_us: int | None) -> str:
     root = ElementTree.Element("gpx", version="1.1", creator="edge-vpr", xmlns=_GPX)
     segment = ElementTree.SubElement(ElementTree.SubElement(root, "trk"), "trkseg")
     position = _positions(reference)[matches.place]
     for i in rows:
         latitude, longitude = (f"{value:.7f}" for value in position[i])
         point = ElementTree.SubElement(segment, "trkpt", lat=latitude, lon=longitude)
-        time = _ZERO + dt.timedelta(microseconds=int(matches.time_us[i]))
-        ElementTree.SubElement(point, "time").text = time.isoformat().replace("+00:00", "Z")
+        if start_us is not None:
+            time = _UNIX_ZERO + dt.timedelta(microseconds=start_us + int(matches.time_us[i]))
+            ElementTree.SubElement(point, "time").text = time.isoformat().replace("+00:00", "Z")
     ElementTree.indent(root)
     return ElementTree.tostring(root, encoding="unicode", xml_declaration=True) + "\n"
 

@@ -306,7 +306,7 @@ def distances(kind: Kind, a: Floats, b: Floats) -> Floats:
 
 
 #: Times after this one, in 1973, count from 1970 and not from a recording's start.
-_UNIX_US = 10**14
+UNIX_US = 10**14
 _HOUR_US = 3_600_000_000
 
 
@@ -324,9 +324,9 @@ def unix_remedy(*tracks: Track, start_us: int | None = None) -> str:
     'Unix times: shift by -1587452582.35 s (Track.shifted), if the track begins with its recording'
     """
     first = [int(track.time_us[0]) for track in tracks]
-    if max(first) < _UNIX_US:
+    if max(first) < UNIX_US:
         return ""
-    offsets = [-time if time >= _UNIX_US else 0 for time in first]
+    offsets = [-time if time >= UNIX_US else 0 for time in first]
     near = start_us is not None and abs(start_us - first[0]) < _HOUR_US
     if near and start_us is not None:
         offsets = [-start_us]

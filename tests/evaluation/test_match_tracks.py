@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from xml.etree import ElementTree
 
 import numpy as np
 import pytest
@@ -13,7 +14,7 @@ from edge_vpr.evaluation.track_files import load_track
 from edge_vpr.evaluation.tracks import distances
 from edge_vpr.events import Sensor
 from edge_vpr.matching.matches import Matches
-from edge_vpr.recordings import write_recording
+from edge_vpr.recordings import open_recording, write_recording
 from edge_vpr.reference_map import ReferenceMap
 
 SENSOR = Sensor(16, 12)
@@ -53,10 +54,8 @@ def test_gpx_and_geojson_hold_the_positions_of_the_matched_places(drive, tmp_pat
     expected = reference.route.position[matches.place]
     known = np.isfinite(expected[:, 0])
     assert 0 < known.sum() < len(matches)  # the log ends before the drive
-    track = load_track(gpx)
-    assert track.position == pytest.approx(expected[known], abs=1e-7)
-    assert track.start_utc.isoformat() == "1970-01-01T00:00:00.050000+00:00"
-    assert track.time_us.tolist() == (matches.time_us[known] - 50_000).tolist()
+    found = np.array([(one.get("lat"), one.get("lon")) for one in points_of(gpx)], float)
+    assert found == pytest.approx(expected[known], abs=1e-7)
 
     features = json.loads(points.read_text())["features"]
     found = np.array([one["geometry"]["coordinates"] for one in features])
@@ -73,6 +72,31 @@ def test_gpx_and_geojson_hold_the_positions_of_the_matched_places(drive, tmp_pat
     from_first = np.hypot(*(rows[:, 1:3] - rows[0, 1:3]).T)
     assert from_first == pytest.approx(along, abs=0.05)
     assert np.all(np.diff(rows[[0, -1], 1]) > 0) and np.all(np.diff(rows[[0, -1], 2]) < 0)
+
+
+def points_of(gpx):
+    return [one for one in ElementTree.parse(gpx).iter() if one.tag.endswith("}trkpt")]
+
+
+def test_a_gpx_has_dates_where_the_recordings_clock_counts_from_1970_and_else_no_time(
+    drive, tmp_path
+):
+    recording = open_recording(drive / "drive.npz")
+    write_recording(tmp_path / "dated.npz", recording, start_us=1_587_452_582_350_000)
+    for query, part, start in (
+        ("drive", (), None),
+        ("dated", (), "2020-04-21T07:03:02.400000+00:00"),
+        ("dated", ("--start", "1"), "2020-04-21T07:03:03.400000+00:00"),
+    ):
+        folder = drive if query == "drive" else tmp_path
+        words = ["match", drive / "gps.npz", folder / f"{query}.npz", "-o", tmp_path / "out"]
+        words += ["--export", tmp_path / "track.gpx", "--overwrite", "--no-figures", *part]
+        assert main([*map(str, words)]) == 0
+        assert len(points_of(tmp_path / "track.gpx")) > 5
+        if start is None:
+            assert "<time>" not in (tmp_path / "track.gpx").read_text()
+        else:
+            assert load_track(tmp_path / "track.gpx").start_utc.isoformat() == start
 
 
 def test_tum_holds_metres_as_they_are_and_no_rotation(drive, tmp_path):
@@ -92,7 +116,7 @@ def test_lost_matches_are_left_out_of_a_track_and_marked_on_a_map(drive, tmp_pat
     reference, matches = matched(drive, "gps", tmp_path / "out", *files, more=more, query="strayed")
     known = np.isfinite(reference.route.along_m[matches.place])
     assert (matches.lost & known).any() and (~matches.lost & known).any()
-    assert len(load_track(files[0]).time_us) == np.count_nonzero(~matches.lost & known)
+    assert len(points_of(files[0])) == np.count_nonzero(~matches.lost & known)
     features = json.loads(files[1].read_text())["features"]
     assert [one["properties"]["lost"] for one in features] == matches.lost[known].tolist()
 

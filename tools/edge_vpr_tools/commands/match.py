@@ -176,14 +176,14 @@ def run(args: argparse.Namespace) -> None:
             f"localising took {metrics.localising_s:.2f} s, {metrics.times_real_time:,.0f} times "
             "real time"
         )
-        _export_tracks(args.export, found.reference, matches)
+        _export_tracks(args.export, found.reference, matches, recording)
         return
     assert queries is not None and metrics is not None
     summary(
         f"{output}: {len(matches)} queries matched against {reference.places_text}, "
         f"{reference.bytes_text}{removed}{faults}"
     )
-    _export_tracks(args.export, found.reference, matches)
+    _export_tracks(args.export, found.reference, matches, recording)
     if matrix is not None:
         asked = found.reference.matched_with(matches.settings)
         distances = query_distances(asked, queries, odometry)
@@ -297,10 +297,16 @@ def _warn_of_other_times(path: str, odometry: Odometry, matches: Matches) -> Non
         )
 
 
-def _export_tracks(paths: Iterable[str] | None, reference: ReferenceMap, matches: Matches) -> None:
+def _export_tracks(
+    paths: Iterable[str] | None,
+    reference: ReferenceMap,
+    matches: Matches,
+    recording: Recording | PublishedWindows,
+) -> None:
     """Write the matched positions to files, and report how many points each has."""
     from edge_vpr.evaluation.match_tracks import save_match_track
 
+    start_us = getattr(recording, "start_us", None)
     for path in paths or ():
-        points = save_match_track(path, reference, matches)
+        points = save_match_track(path, reference, matches, start_us=start_us)
         summary(f"{path}: a track of {points:,} of the {len(matches):,} matches")
