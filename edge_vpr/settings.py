@@ -238,14 +238,14 @@ class SettingField:
         raise UsageError(f"setting {self.key} = {shown(given)}: expected {self.accepted}")
 
     def word(self, value: Any) -> str:
-        """Return a value as the text that the flag takes."""
+        """Return a value as the text that a file or the flag takes."""
         for word, meaning in self.words.items():
             if type(meaning) is type(value) and meaning == value:
                 return word
         if self.show is not None:
             return self.show(value)
         if isinstance(value, bool):
-            return "yes" if value else "no"
+            return str(value).lower()
         return f"{value:g}" if isinstance(value, float) else str(value)
 
     def check(self, value: Any) -> None:
@@ -786,6 +786,21 @@ SETTING_FIELDS = {
     for field in fields(Settings)
 }
 Settings.__doc__ = f"{Settings.__doc__}\n\n{attributes_section(SETTING_FIELDS)}"
+
+
+def setting_words(values: Mapping[str, Any]) -> dict[str, str]:
+    """Return the values of `Settings.to_dict` by the keys, and in the words, of files and flags.
+
+    Examples
+    --------
+    >>> setting_words({"tau_us": 250_000, "remove_bursts": False})
+    {'tau': '250ms', 'bursts': 'keep'}
+    """
+    return {
+        field.key: field.word(values[name])
+        for name, field in SETTING_FIELDS.items()
+        if name in values
+    }
 
 
 def values_by_name(values: Mapping[str, Any], source: str) -> dict[str, Any]:

@@ -163,7 +163,7 @@ RUNS = [
     ("compare {f}/swept -o {f}/compared --json", 0),
     # 2: these runs differ in no setting
     ("compare {f}/swept -o {f}/compared --overwrite --over pixels", 2),
-    ("compare {f}/swept -o {f}/compared --overwrite --figures pdf,svg --measure recall_at_1", 0),
+    ("compare {f}/swept -o {f}/compared --overwrite --figures pdf,svg --measure Recall@1", 0),
     ("completion bash", 0),
     ("demo -o {f}/demo --overwrite", 0),
 ]  # fmt: skip

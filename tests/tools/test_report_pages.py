@@ -20,7 +20,13 @@ RECORD = RunRecord(
     schema=1,
     command=("/usr/bin/edge-vpr", "match", "<script>alert(1)</script>"),
     finished_utc="2026-01-01T00:00:00+00:00",
-    settings={"pixels": 150, "smooth": True, "clip": None},
+    settings={
+        "pixels": 150,
+        "tau_us": 250_000,
+        "clip": None,
+        "remove_bursts": False,
+        "smooth": True,
+    },
     versions={"python": "3.12.1", "numpy": "2.1.0"},
     machine=Machine("Linux", "a processor & more"),
     inputs=(InputFile("drive.raw", 1_234_567, "ab" * 32, "file"),),
@@ -95,9 +101,9 @@ def test_all_files_of_a_figure_have_the_layout_of_its_page(tmp_path):
     assert axes.get_position().bounds == laid_out
 
 
-def test_a_page_names_settings_versions_and_inputs(tmp_path):
+def test_a_page_names_settings_as_flags_do_versions_and_inputs(tmp_path):
     text = re.sub(r"\s+", " ", re.sub(r"<[^>]*>", " ", report(tmp_path / "report.html")))
-    assert "pixels 150 smooth yes clip none" in text
+    assert "pixels 150 tau 250ms clip none bursts keep smooth true" in text
     assert "Python 3.12.1 NumPy 2.1.0" in text
     assert "drive.raw 1,234,567 abababababababab" in text
     assert "Made by: edge-vpr match" in text

@@ -134,8 +134,10 @@ def detail(text: str) -> None:
 
 def detail_settings(settings: Mapping[str, object]) -> None:
     """Print each setting in effect if verbose."""
-    for name, value in settings.items():
-        detail(f"setting {name} = {value}")
+    from edge_vpr.settings import setting_words
+
+    for key, word in setting_words(settings).items():
+        detail(f"setting {key} = {word}")
 
 
 def warning(text: str) -> None:

@@ -50,10 +50,7 @@ def _defaults(field: SettingField) -> str:
 
 
 def _word(field: SettingField, preset: str) -> str:
-    value = getattr(PRESETS[preset], field.name)
-    if field.kind is bool and not field.words:
-        return f"`{str(value).lower()}`"
-    return f"`{field.word(value)}`"
+    return f"`{field.word(getattr(PRESETS[preset], field.name))}`"
 
 
 def _values(field: SettingField) -> str:

@@ -18,7 +18,7 @@ from edge_vpr_tools.research.sweep import MEASURES
 EXAMPLES = """\
   edge-vpr compare pixels
   edge-vpr compare pixels tuesday -o compared --figures pdf,svg
-  edge-vpr compare pixels -o curves --over pixels --measure recall_at_99_precision"""
+  edge-vpr compare pixels -o curves --over pixels --measure R@99P"""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -36,7 +36,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_figures_flag(output, "png")
     add_json_flag(output, "compare.json")
     output.add_argument(
-        "--measure", choices=tuple(MEASURES), default=next(iter(MEASURES)),
+        "--measure", choices=tuple(MEASURES.values()),
+        default=next(iter(MEASURES.values())),
         help="measure of the figure, and of the differences from the first variant",
     )  # fmt: skip
     output.add_argument(
@@ -65,14 +66,15 @@ def run(args: argparse.Namespace) -> None:
     if output is not None:
         results.check_output_folder(output, args.overwrite, runs)
     rows = rows_of(runs)
+    measure = next(name for name, heading in MEASURES.items() if heading == args.measure)
     if args.json:
         print(results.json_text(comparison_record(rows)))
     for line in markdown(rows).splitlines():
         summary(line)
     if output is not None:
         with results.results_folder(output, args.overwrite) as folder:
-            write_comparison(folder, rows, formats, args.measure, args.over)
-        if lacks_intervals(rows, args.measure):
+            write_comparison(folder, rows, formats, measure, args.over)
+        if lacks_intervals(rows, measure):
             note(
                 f"means have no intervals: these need {LEAST} pairs of drives, or {LEAST} seeds of "
                 "a single one"

@@ -55,10 +55,6 @@ def _energy(of: Cost) -> str:
     return UNKNOWN if of.per_match_j is None else quantity(of.per_match_j.central, "J")
 
 
-def _short(target: Target) -> str:
-    return target.name.removeprefix("Raspberry ")
-
-
 def show_design(
     found: Mapping[Target, DesignOnTarget],
     at_rates: Mapping[Target, Mapping[float, Cost]],
@@ -79,7 +75,7 @@ def show_design(
     """
     rates = list(next(iter(at_rates.values())))
     rows = [
-        [_short(target), size_text(of.memory_bytes), _time(of), _energy(of.cost),
+        [target.name, size_text(of.memory_bytes), _time(of), _energy(of.cost),
          *(per_joule(at_rates[target][rate]) for rate in rates)]
         for target, of in found.items()
     ]  # fmt: skip
@@ -89,7 +85,7 @@ def show_design(
     of = next(iter(found.values()))
     *operations, moved = search_work(of.design)
     match_s = 1 / of.mission.matches_per_s
-    over = [f"{_short(target)} ({of.limited_by})" for target, of in found.items() if of.limited_by]
+    over = [f"{target.name} ({of.limited_by})" for target, of in found.items() if of.limited_by]
     text = (
         f"{design_text(of.design)}. The search takes {sum(operations):,} operations and moves "
         f"{size_text(moved)}. Matches per joule are of {WORK}, by the events per second of the "
@@ -155,22 +151,21 @@ def show_recommended(
     none: list[str] = []
     for target, one in found.items():
         if one.limit:
-            exceeded = f"{_short(target)} ({one.limit})"
+            exceeded = f"{target.name} ({one.limit})"
             (none if one.best is None else limits).append(exceeded)
         if one.best is None:
-            rows.append([_short(target), "none", "-", "-", "-", "-", "-", "-"])
+            rows.append([target.name, "none", "-", "-", "-", "-", "-"])
             continue
         size, device = one.best
         rows.append(
-            [_short(target), str(size.pixels), str(size.code_bits), str(size.places_per_window),
-             f"{device.design.places:,}", size_text(device.memory_bytes), _energy(device.cost),
-             f"{size.accuracy:.3f}"]
+            [target.name, str(size.pixels), str(size.code_bits), str(size.places_per_window),
+             size_text(device.memory_bytes), _energy(device.cost), f"{size.accuracy:.3f}"]
         )  # fmt: skip
     not_fitting = f"No design fits: {', '.join(none)}." if none else ""
     if len(none) == len(found):
         _say(not_fitting)
         return
-    header = ["target", "pixels", "bits", "per\nwindow", "places", "memory", "energy", "correct"]
+    header = ["target", "pixels", "bits", "places\nper window", "memory", "energy", "correct"]
     table(header, rows, width=WIDTH)
     text = (
         f"The smallest of {len(tried_designs())} designs within "

@@ -59,7 +59,7 @@ class Constant:
 class Target:
     """A device to estimate for; see the files in ``targets/``."""
 
-    name: str
+    name: str  #: Of its file, as `--target` takes it.
     kind: str  #: {"processor", "fpga"}: what computes.
     clock_hz: float
     core: str = ""  #: Row of the table of instructions; processors only.
@@ -90,8 +90,9 @@ class Target:
         UsageError
             If it cannot be read, or a name or value is wrong.
         """
-        values = _read(Path(path))
-        known = {field.name for field in fields(cls)}
+        path = Path(path)
+        values = _read(path)
+        known = {field.name for field in fields(cls)} - {"name"}
         for name in values:
             if name not in known:
                 raise UsageError(
@@ -99,7 +100,7 @@ class Target:
                 )
         with parse_errors(path, "a target", "check its values"):
             try:
-                target = from_json(cls, values)
+                target = from_json(cls, {"name": path.stem, **values})
             except RecordError as error:
                 raise ValueError(str(error)) from error
         if target.kind not in KINDS:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import html
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from string import Template
@@ -13,6 +13,7 @@ from edge_vpr import __version__
 from edge_vpr.errors import escaped
 from edge_vpr.files import replacing
 from edge_vpr.results import RunRecord, json_text
+from edge_vpr.settings import setting_words
 
 #: pixels of a browser in a point of a figure
 _PIXELS = 96 / 72
@@ -192,8 +193,7 @@ def add_run(page: Page, record: RunRecord) -> None:
         program, *words = record.command
         page.text(f"Made by: {' '.join([Path(program).name, *words])} ({record.finished_utc}).")
     if record.settings:
-        rows = [(name, plain(one)) for name, one in record.settings.items()]
-        page.table(("setting", "value"), rows)
+        page.table(("setting", "value"), list(setting_words(record.settings).items()))
     versions = [(_NAMES.get(name, name), one) for name, one in record.versions.items()]
     where = [("system", record.machine.system), ("processor", record.machine.processor)]
     page.table(("software and machine", ""), [row for row in (*versions, *where) if row[1]])
@@ -204,20 +204,6 @@ def add_run(page: Page, record: RunRecord) -> None:
             [(one.path, f"{one.bytes:,}", one.sha256[:_HASH_SHOWN]) for one in record.inputs],
         )
     page.folded("The whole record of the run", json_text(record, indent=2))
-
-
-def plain(value: object) -> str:
-    """Write a plain value in words: yes and no, none, lists without brackets."""
-    match value:
-        case None:
-            return "none"
-        case bool():
-            return "yes" if value else "no"
-        case Mapping():
-            return ", ".join(f"{name} {plain(one)}" for name, one in value.items())
-        case list() | tuple():
-            return ", ".join(map(plain, value)) or "none"
-    return str(value)
 
 
 # Text of quantities, with a suitable unit prefix and with bounds.
