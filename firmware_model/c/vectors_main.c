@@ -14,6 +14,7 @@
 #define PAGE 0x10000U /* or a part of one */
 #define REPEATS 0x900000U /* of an event in one window, at most */
 #define FURTHER 0x8000U  /* events behind them, at most */
+#define CHECKSUM 3U /* word of an image */
 
 static uint32_t bundle[WORDS];
 static uint8_t *image_end; /* both end where no memory follows: to go on there is a fault */
@@ -72,6 +73,9 @@ static int check_images(void)
         const uint32_t *const image = next_image(&bytes);
         if (vpr_open(&design, image, bytes) != opens) {
             return differs(opens ? "refused: image" : "opened: image", i);
+        }
+        if (opens && (design.checksum != image[CHECKSUM])) {
+            return differs("checksum of another image: image", i);
         }
     }
     return 0;

@@ -123,6 +123,10 @@ def _event_case(name: str, design: Design) -> Case:
         stream.skip(0 if _narrow(design) else 3)
         stream.slot(last)
     stream.end()
+    if by_time:
+        # the end of a window does not ask where an event is
+        below = design.height < 1 << 15
+        stream.at(0 if below else design.width, design.height if below else 0)
     stream.fill([1] * design.slots)
     stream.fill([2 if design.slots > 1 else 1] * design.slots)
     windows = 1 if design.length > design.exclusion + 9 else design.length + 3

@@ -49,6 +49,7 @@ CORNERS = {
     "entry_of_another_row": "an event at such a pixel whose look-up entry belongs to another row",
     "off_the_sensor": "an event that names no pixel of the sensor",
     "below_the_sensor": "such an event in the row behind the last one",
+    "ended_off_the_sensor": "an event that names no pixel of the sensor, and ends a window",
     "column_above_511": "an event at a selected pixel whose column is above 511",
     "on": "an ON event at a selected pixel",
     "off": "an OFF event at a selected pixel",
@@ -148,6 +149,7 @@ def _see_event(
         found["sensor_corner"] += 1
     if x >= design.width or y >= design.height:
         found["off_the_sensor"] += 1
+        found["ended_off_the_sensor"] += ends
     elif slot is None:
         found["unselected"] += 1
         found["entry_of_another_row"] += lookup.taken(x, y)
