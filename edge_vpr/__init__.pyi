@@ -47,8 +47,10 @@ from .route import Odometry as Odometry
 from .settings import PRESETS as PRESETS
 from .settings import MatchingChanges as MatchingChanges
 from .settings import PartName as PartName
+from .settings import Preset as Preset
 from .settings import SettingChanges as SettingChanges
 from .settings import Settings as Settings
+from .settings import Strategy as Strategy
 from .settings import resolve_settings as resolve_settings
 
 __version__: str

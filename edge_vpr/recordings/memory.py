@@ -171,5 +171,11 @@ def _columns_of(given: Any, options: ReadOptions) -> tuple[dict[str, npt.NDArray
         check_order(_PLACE, array[:1_000])
     if array.ndim == 0:
         raise UsageError(f"the event data is {kind_of(given)}: give an array of events")
+    if array.ndim > 2:
+        raise UsageError(
+            f"the event data has shape {array.shape}: if these are frames of counts, save them as "
+            "(frames, height, width) by np.save and give "
+            "edge_vpr.PublishedWindows('frames.npy', frame_period=0.1), each a window"
+        )
     layout = array_columns(str(_PLACE), array.dtype, array.shape, order)
     return layout.of(array), options.time_unit or layout.unit

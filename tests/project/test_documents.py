@@ -93,6 +93,20 @@ def test_the_python_of_a_page_runs_block_after_block(page, tmp_path, monkeypatch
         exec(compile(block, f"{page}, block {number}", "exec"), names)
 
 
+@pytest.mark.slow
+def test_the_python_of_guides_holds_for_a_strict_type_checker(tmp_path):
+    """As in the program of a user, who has neither this checkout nor its configuration."""
+    api = pytest.importorskip("mypy.api")
+    guides = ["README.md", "docs/ground_truth.md", "docs/recipes.md", "docs/recordings.md"]
+    for number, page in enumerate(guides):
+        (tmp_path / f"guide_{number}.py").write_text("\n".join(blocks(page, "python")))
+    config = tmp_path / "mypy.ini"
+    config.write_text("[mypy]\n")
+    report, errors, _ = api.run(["--strict", "--config-file", str(config), str(tmp_path)])
+    assert not errors
+    assert report.startswith("Success: no issues found"), report
+
+
 def commands(page: str) -> list[str]:
     """Give the lines of a page's code blocks that call `edge-vpr`, joined where they go on."""
     found = []

@@ -137,6 +137,7 @@ def test_events_in_memory_are_checked_counted_and_cut_as_those_of_a_file(events)
         (lambda events: {"t": events["t"], "x": events["x"][1:], "y": events["y"]}, "of shapes"),
         (lambda events: np.empty(0, EVENT_DTYPE), "does not say how large"),
         (lambda events: events["t"], "which are no events"),
+        (lambda events: np.zeros((9, 2, 32, 32)), r"frames of counts, save them as .*PublishedW"),
         (lambda events: 5, "give a path, events"),
         (lambda events: None, "give a path, events"),
     ],
