@@ -70,7 +70,7 @@ def rivals(column: str) -> list[float]:
     """Return what our default, patch normalisation and HOG take."""
     return means(
         "rivals.csv", column, drives="*streets*N events", matching="sequences of 10",
-        system="edge-vpr*|patch-*|HOG*",
+        system="edge-vpr*|patch-*|hog*",
     )  # fmt: skip
 
 
@@ -293,7 +293,7 @@ def latency(column: str, events: str = "1") -> str:
 SENTENCES: list[tuple[str, str, Callable[[], object]]] = [
     ("README", "Each second of the route takes {} bytes packed", lambda: 2 * int(place_bytes())),
     ("README", "reaches {:.2f} when it matches sequences of 5 windows, and {:.2f} of 20.",
-     lambda: [on_brisbane("released code*", f"sequences of {n}", "49 pixels") for n in (5, 20)]),
+     lambda: [on_brisbane("seed-code*", f"sequences of {n}", "49 pixels") for n in (5, 20)]),
     ("README", "{:.2f} with sequences of 20 at its own 49 pixels; at these, ours reaches {:.2f}",
      lambda: [on_brisbane("LENS, sunset2", "sequences of 20", "LENS's 49 pixels"),
               on_brisbane(OURS, LIVE, "LENS's 49 pixels")]),
@@ -385,7 +385,7 @@ SENTENCES: list[tuple[str, str, Callable[[], object]]] = [
      lambda: indoors(OURS, "sequences of 20|*, live", INNER)),
     ("results_methods", "match a recorded drive far better: {:.3f} of all windows, ours {:.3f}",
      lambda: [indoors(system, "*, recorded")[0]
-              for system in ("150 varying*", OURS)]),
+              for system in ("paper: *", OURS)]),
     ("results", "error of the position is {:.2f} m in other light and {:.2f} m in low sun",
      lambda: reported("median error (m)", "25")),
     ("results_robustness", "1.3 m; below 1 | on streets {:.1f} to {:.1f} m; {:.0f}",
@@ -505,7 +505,7 @@ SENTENCES: list[tuple[str, str, Callable[[], object]]] = [
      lambda: (*ends(trust("calibration error")), *ends(trust("calibration error", map=CUT)))),
     ("tuning", "indoors {:.2f} correct against {:.2f}",
      lambda: [indoors(system, "*, recorded")[0]
-              for system in ("150 varying*", OURS)]),
+              for system in ("paper: *", OURS)]),
 ]  # fmt: skip
 
 

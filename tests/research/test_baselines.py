@@ -60,7 +60,7 @@ def test_a_baseline_of_another_package_is_found(tmp_path, monkeypatch):
     )
     monkeypatch.syspath_prepend(tmp_path)
     assert baseline_names()[-1] == "mine"
-    assert open_baseline("mine").title == "all pixels, SAD"
+    assert open_baseline("mine").title == "all-pixels, SAD"
 
 
 def test_hog_without_its_library_names_the_extra(monkeypatch):

@@ -91,7 +91,7 @@ def test_every_row_is_judged_on_all_its_windows_and_on_those_of_every_row():
     assert shares["sequences of 20"] == (1, 1)
     assert len({tuple(row) for row in rows}) == 1
     systems = {row["system"] for row in rows}
-    for name in (rivals.OURS, "all pixels, SAD", "all pixels, SAD, windows 1, 3"):
+    for name in (rivals.OURS, "all-pixels, SAD", "all-pixels, SAD, windows 1, 3"):
         ways = [row["matching"] for row in rows if row["system"] == name]
         assert ways == [
             "sequences of 5", "sequences of 10", "sequences of 20", "place filter, live",
@@ -104,7 +104,7 @@ def test_every_row_is_judged_on_all_its_windows_and_on_those_of_every_row():
 def test_the_same_drive_is_found_and_one_that_shows_nothing_is_not(contested):
     right = {(row["system"], row["matching"]): row["P@100R"] for row in contested}
     assert right[rivals.OURS, "place filter, live"] == 1
-    assert right["all pixels, SAD", "place filter, recorded"] == 1
+    assert right["all-pixels, SAD", "place filter, recorded"] == 1
     # the drives take equally long: a path at the usual pace is partly correct
     assert right["null: windows shuffled", "place filter, recorded"] < 0.6
     assert right["null: query reversed", "place filter, recorded"] < 0.3
@@ -112,7 +112,7 @@ def test_the_same_drive_is_found_and_one_that_shows_nothing_is_not(contested):
 
 
 def test_the_first_right_match_is_given_with_the_last_window_that_it_needs(contested):
-    rows = {row["matching"]: row for row in contested if row["system"] == "all pixels, SAD"}
+    rows = {row["matching"]: row for row in contested if row["system"] == "all-pixels, SAD"}
     for matching, seconds in (
         ("sequences of 5", 5), ("sequences of 10", 10), ("place filter, live", 1),
         ("place filter, 4 windows late", 5),
@@ -152,13 +152,13 @@ def test_a_network_of_a_file_is_compared_by_the_command(tmp_path, capsys, monkey
 
 def test_later_draws_leave_out_what_draws_nothing():
     systems = {row["system"] for row in rows_of_contest(contest(), seed=1)}
-    assert "all pixels, SAD" not in systems and rivals.OURS in systems
+    assert "all-pixels, SAD" not in systems and rivals.OURS in systems
 
 
 def test_of_some_published_pixels_no_images_are_made():
     systems = {row["system"] for row in rows_of_contest(contest(laid_out=False))}
-    assert not any("HOG" in name or "patch" in name for name in systems)
-    assert "released code: the given pixels, clipped at 10, SAD" in systems
+    assert not any("hog" in name or "patch" in name for name in systems)
+    assert "seed-code: the given pixels, clipped at 10, SAD" in systems
 
 
 def test_the_default_among_rivals_is_the_default_of_a_map():
@@ -345,5 +345,5 @@ def test_the_number_of_pixels_is_varied_and_what_does_not_fit_is_left_out(monkey
         for name in (*pixel_number.STRATEGIES, pixel_number.ALL)
     }
     assert numbers["variance"] == {5, 150} and numbers[pixel_number.ALL] == {96 * 96}
-    assert numbers["mean (released code)"] == {5}  # 150 circles of 7 pixels do not fit
+    assert numbers["seed-code"] == {5}  # 150 circles of 7 pixels do not fit
     assert len(pixel_number.EXPERIMENT.figure([{"drives": "d", **row} for row in rows]).axes) == 2

@@ -136,7 +136,7 @@ def open_baseline(name: str, seed: int = 0) -> Baseline:
     Examples
     --------
     >>> open_baseline("patch-normalised@1,2+all-pixels").title
-    'patch-normalised 32 x 32, SAD, windows 1, 2 + all pixels, SAD'
+    'patch-normalised 32 x 32, SAD, windows 1, 2 + all-pixels, SAD'
     """
     members, titles = [], []
     for part in name.split("+"):

@@ -25,7 +25,7 @@ STEPS = 32
 class AbsoluteDifferences(VectorBaseline):
     """Descriptions of unsigned integers, compared by the sum of their absolute differences."""
 
-    title = "all pixels, SAD"
+    title = "all-pixels, SAD"
 
     def describe(self, images: Images) -> Described:
         """Return the counts of every pixel, shape (n, pixels)."""
@@ -95,7 +95,7 @@ HOG_SIDE, CELL, BLOCK, ORIENTATIONS = 64, 8, 2, 9
 class OrientedGradients(CosineBaseline):
     """Gradients of the logarithm of counts, shrunk to 64 x 64; distance is 1 less the cosine."""
 
-    title = f"HOG {HOG_SIDE} x {HOG_SIDE}, cosine"
+    title = f"hog {HOG_SIDE} x {HOG_SIDE}, cosine"
 
     def __init__(self, seed: int = 0) -> None:
         try:

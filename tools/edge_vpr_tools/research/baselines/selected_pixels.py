@@ -84,20 +84,20 @@ class SelectedPixels(AbsoluteDifferences):
 def paper(seed: int) -> SelectedPixels:
     """Make the paper's method: 150 varying pixels."""
     settings = PRESETS["paper"].replaced({"seed": seed}, "baseline")
-    return SelectedPixels(f"{settings.pixels} varying pixels, SAD", settings)
+    return SelectedPixels(f"paper: {settings.pixels} varying pixels, SAD", settings)
 
 
 def released_code(seed: int) -> SelectedPixels:
     """Make the released code's selection and clipping: 100 pixels, counts up to 10."""
     settings = PRESETS["seed-code"].replaced({"seed": seed}, "baseline")
-    return SelectedPixels("released code: 100 pixels, clipped at 10, SAD", settings)
+    return SelectedPixels("seed-code: 100 pixels, clipped at 10, SAD", settings)
 
 
 def by_strategy(seed: int, name: str) -> SelectedPixels:
     """Make the paper's method with pixels of a strategy of `Settings`, or of another package."""
     strategy = name if name in STRATEGIES else PLUGIN + name
     settings = PRESETS["paper"].replaced({"seed": seed, "strategy": strategy}, "baseline")
-    return SelectedPixels(f"{settings.pixels} pixels by {name}, SAD", settings)
+    return SelectedPixels(f"strategy:{name}, {settings.pixels} pixels, SAD", settings)
 
 
 # Dense baseline: the same counts and distances over all pixels of the sensor.
@@ -141,7 +141,7 @@ def map_all_pixels(
 class ActivePixels(VectorBaseline):
     """Frames of one bit a pixel; distance is 1 less ``|A and B| / sqrt(|A| |B|)``."""
 
-    title = "active pixels, overlap by activity"
+    title = "active-pixels, overlap by activity"
 
     def describe(self, images: Images) -> Described:
         """Return packed bits, shape (n, ceil(pixels / 8)), uint8."""

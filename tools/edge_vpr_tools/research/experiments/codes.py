@@ -19,12 +19,12 @@ from fixedpoint.codes import packed_bytes
 
 BITS = (1, 2, 3, 4, 6, 8)
 CODES: Mapping[str, Mapping[str, Any]] = {
-    "saturating": {"counter_code": "linear"},
-    "square root": {"counter_code": "sqrt"},
-    "logarithm": {"counter_code": "log"},
-    "linear, per pixel": {"counter_code": "linear", "counter_scaling": "per-pixel"},
-    "square root, per pixel": {"counter_code": "sqrt", "counter_scaling": "per-pixel"},
-    "logarithm, per pixel": {"counter_code": "log", "counter_scaling": "per-pixel"},
+    "linear": {"counter_code": "linear"},
+    "sqrt": {"counter_code": "sqrt"},
+    "log": {"counter_code": "log"},
+    "linear, per-pixel": {"counter_code": "linear", "counter_scaling": "per-pixel"},
+    "sqrt, per-pixel": {"counter_code": "sqrt", "counter_scaling": "per-pixel"},
+    "log, per-pixel": {"counter_code": "log", "counter_scaling": "per-pixel"},
 }
 
 

@@ -17,13 +17,7 @@ from edge_vpr_tools.research.experiments.plots import lines
 
 NUMBERS = (5, 10, 25, 50, 83, 150, 300)
 #: strategies with the suppression of the default number of pixels
-STRATEGIES = {
-    "variance": "variance",
-    "mean (released code)": "seed-code",
-    "information": "information",
-    "random": "random",
-    "random, upper two thirds": "random-upper",
-}
+STRATEGIES = ("variance", "seed-code", "information", "random", "random-upper")
 ALL = "all pixels"
 #: ways to match the pixels: sequences of counts, as in the paper, or the default for a robot
 PAPER, ROBOT = "sequences of counts (the paper)", "place filter, running mean (robot)"
@@ -38,9 +32,9 @@ def measure(draw: Draw) -> Iterator[Row]:
         matches = pair.match(pair.distances(system), pair.settings)
         return evaluate(matches, pair.truth()).precision_at_100_recall
 
-    for name, strategy in STRATEGIES.items():
+    for name in STRATEGIES:
         for number in NUMBERS:
-            changes = {"pixels": number, "seed": draw.seed, "strategy": strategy}
+            changes = {"pixels": number, "seed": draw.seed, "strategy": name}
             pixels = SelectedPixels(name, pair.settings.replaced(changes, name))
             try:
                 correct = by_sequences(pixels)

@@ -165,7 +165,7 @@ def _baselines(pair: CountedPair, draw: Draw) -> Iterator[tuple[str, Baseline]]:
     if not pair.laid_out:
         given = {"pixels": pair.pixels, "strategy": "top"}
         settings = PRESETS["seed-code"].replaced(given, "released code")
-        title = "released code: the given pixels, clipped at 10, SAD"
+        title = "seed-code: the given pixels, clipped at 10, SAD"
         yield title, SelectedPixels(title, settings)
     for path in pair.weights:
         try:
