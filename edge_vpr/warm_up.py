@@ -15,7 +15,7 @@ from edge_vpr.descriptors.counting import cleaned, count_frame
 from edge_vpr.errors import EdgeVprError
 from edge_vpr.events import EVENT_DTYPE, Events, Sensor, make_events
 from edge_vpr.map_record import MapRecord, describe_query, map_traverse
-from edge_vpr.matching.drive import match_query
+from edge_vpr.matching.drive import match_descriptors
 from edge_vpr.online.kernels import CHUNK_EVENTS
 from edge_vpr.online.localiser import Localiser
 from edge_vpr.online.schedule import MatchSchedule
@@ -108,8 +108,13 @@ def matching_steps(
     events["t"] = np.linspace(0, 3 * settings.tau_us, number).astype(np.int64)
     events["x"], events["y"] = pixels.x[0], pixels.y[0]
     drive = _Drive(pixels.sensor, events)
-    # places of the map are windows too
-    windows = reference.places.take(slice(max(_WINDOWS, settings.windows_per_match)))
+    # Places of the map are windows too. Those with the lowest and the highest count are among them,
+    # since kernels differ by the range of the counts.
+    counts = reference.places.counts
+    ends = np.array([counts.argmin(), counts.argmax()]) // counts.shape[1]
+    first = np.arange(min(max(_WINDOWS, settings.windows_per_match), len(counts)))
+    few = np.unique([*first, *ends])
+    windows = reference.places.take(few)
     driven = None
     if odometry:
         times = np.unique(windows.centre_us)  # a reading in each window
@@ -117,7 +122,15 @@ def matching_steps(
 
     def match() -> None:
         with suppress(EdgeVprError):  # of settings that do not suit the map, which is said later
-            match_query(reference, windows, driven)
+            match_descriptors(
+                windows,
+                windows,
+                settings,
+                reference.confidence,
+                jumps=None if reference.jumps is None else np.array([[few.size - 1, 0]], np.int32),
+                along_mm=None if reference.along_mm is None else reference.along_mm[few],
+                odometry=driven,
+            )
 
     def count() -> None:
         with suppress(EdgeVprError):
