@@ -257,6 +257,7 @@ FILTER_CORNERS = {
     "that differ to places of two words",
     "evidence_saturated": "a place whose evidence is at its largest, and would be above it",
     "metric_saturated": "a place whose metric is at its largest, and would be above it",
+    "second_saturated": "a match whose second best has the largest metric",
     "restarted": "a place that nothing leads to for less than a restart",
     "stood": "a match at the place of the one before",
     "stepped": "a match one place further",
@@ -378,6 +379,7 @@ class FilterCoverage:
         found["pause_restarted"] += self._restarted
         found["filter_tie"] += match.ties > 0
         found["filter_no_second"] += match.second is None
+        found["second_saturated"] += match.second_sum == METRIC_TOP
         assert match.trust is not None, "a match of the filter has one"
         self._see_trust(match)
         second = match.second is not None and design.trust > 0

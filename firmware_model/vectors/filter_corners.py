@@ -6,6 +6,7 @@ from bisect import bisect_left
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from itertools import product
+from operator import sub
 
 import numpy as np
 
@@ -563,6 +564,7 @@ def evidence_cases(design: Design) -> list[Case]:
         _beyond_a_byte(design),
         *_small_spreads(design),
         _wide_sums(design),
+        _largest_second(design),
         *_wide_evidence(design),
     ]
 
@@ -613,6 +615,30 @@ def _wide_sums(design: Design) -> Case:
     rows = [half if place % 3 == 1 else [top] * slots for place in range(places)]
     rows[places // 2] = list(stream.shown_codes()[0])
     return stream.case("wide_sums", rows)
+
+
+def _largest_second(design: Design) -> Case:
+    """Show the last place of a map whose only place beyond the exclusion zone is far.
+
+    Each window has the largest evidence against it, until its metric is the largest.
+    """
+    slots = design.slots
+    bits = max(n for n in range(1, 9) if n == 1 or slots * ((1 << n) - 1) <= 0xFFFF)
+    zone = 128
+    wide = replace(
+        design, code="counts", code_bits=bits, places=zone + 2, exclusion=zone,
+        restart=254, window_events=2,
+    )  # fmt: skip
+    stream = Stream.showing(wide, [[2, *[0] * (slots - 1)]] * 6)
+    shown = stream.shown_codes()[0]
+    far = [wide.code_max if 2 * code <= wide.code_max else 0 for code in shown]
+    # so near that the spread is small, and not so near that they match as well
+    near, left = list(shown), max(1, sum(map(abs, map(sub, far, shown))) // 64)
+    for slot, code in enumerate(far):
+        step = max(-left, min(left, code - near[slot]))
+        near[slot] += step
+        left -= abs(step)
+    return stream.case("largest_second", [far, *[near] * zone, shown])
 
 
 def _far(design: Design) -> Case:

@@ -118,7 +118,7 @@ def _saturated(design: Design) -> LongWindow:
     without the saturation.
     """
     design = replace(design, places=4, exclusion=1)
-    stream, rest = Stream(design), [2] * (design.slots - 1)
+    stream, rest = Stream(design), list(range(1, design.slots))
     stream.fill([1] + [0] * len(rest))
     for _ in range(2):  # the means that it moves change the codes of the next window
         stream.fill([8_700 - sum(rest), *rest])
