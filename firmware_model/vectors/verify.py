@@ -143,7 +143,7 @@ def _by_case(
             found.setdefault(case, [])
         elif case is None:
             raise VectorError(
-                "the first record names no case: begin with one, or pass --case SUITE/NAME (case=)"
+                "the first record names no case: begin with one, or pass --case SUITE/NAME"
             )
         else:
             found[case].append((kind, values))

@@ -227,6 +227,8 @@ def test_a_dry_run_lists_every_file_and_finds_those_that_are_not_the_published_o
         "  missing: speck_walks/query.npz",
     ):
         assert line in shown.splitlines()
+    assert main(["experiment", "simulated", "joules", "--dry-run"]) == 0
+    assert capsys.readouterr().out.count("\n") == 2  # they read no files
     # the small files of these tests have the published names, and not the published sizes
     assert main(["experiment", "rivals", "--data", str(downloads), "--dry-run"]) == 2
     shown = capsys.readouterr()

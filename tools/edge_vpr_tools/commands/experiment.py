@@ -116,10 +116,10 @@ def run(args: argparse.Namespace) -> None:
 
 
 def _list_files(names: list[str], args: argparse.Namespace, data: Path | None) -> None:
-    """Print what would run, and the files of all data sets."""
+    """Print what would run, and the files of all data sets if any of it reads them."""
     from edge_vpr_tools.research.datasets import damaged_files, listing
     from edge_vpr_tools.research.experiments.drives import downloads
-    from edge_vpr_tools.research.experiments.experiment import trials_of
+    from edge_vpr_tools.research.experiments.experiment import open_experiment, trials_of
 
     for name in names:
         try:
@@ -129,6 +129,8 @@ def _list_files(names: list[str], args: argparse.Namespace, data: Path | None) -
             continue
         drives = "; ".join(dict.fromkeys(one.drives for one in trials))
         summary(f"{name}: {number_of(len(trials), 'trial')}, of {drives}")
+    if not any(open_experiment(name).reads_data for name in names):
+        return
     for line in listing(downloads(data), data):
         summary(line)
     damaged = [] if data is None else list(damaged_files(data, downloads(data), hashed=True))

@@ -89,7 +89,10 @@ def notes(found: Profile) -> list[str]:
         f"{speed.events_per_s / speed.matches_per_s:,.0f} events.",
         _machine(found),
     ]
-    notes += [f"{when.capitalize()}: {one}." for when, one in found.conditions.named().items()]
+    moments: dict[str, list[str]] = {}
+    for when, conditions in found.conditions.named().items():
+        moments.setdefault(str(conditions), []).append(when)
+    notes += [f"{', '.join(when).capitalize()}: {text}." for text, when in moments.items()]
     return notes + _energy_notes(found.energy)
 
 

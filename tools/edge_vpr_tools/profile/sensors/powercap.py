@@ -75,4 +75,6 @@ def find(root: Path) -> tuple[list[Sensor], list[Missing]]:
         return sensors, []
     if refused:
         return [], [Missing("RAPL", refused[0], "its energy is for root only: run with sudo")]
-    return [], [Missing("RAPL", "no powercap zone", "only processors of Intel and AMD have one")]
+    return [], [
+        Missing("RAPL", "no powercap zone", "Intel and AMD have one, virtual machines none")
+    ]
