@@ -34,6 +34,7 @@ from edge_vpr.descriptors.windows import Descriptors, WindowCounts, collect
 from edge_vpr.errors import EdgeVprWarning, MapError, UsageError, as_path, expect, kind_of
 from edge_vpr.evaluation import doubts
 from edge_vpr.evaluation.ground_truth import (
+    Alignment,
     GroundTruth,
     correct_of,
     from_tracks,
@@ -41,7 +42,7 @@ from edge_vpr.evaluation.ground_truth import (
     unjudged,
 )
 from edge_vpr.evaluation.metrics import Evaluation, RecallDenominator, evaluate
-from edge_vpr.evaluation.tables import load_jumps, load_odometry
+from edge_vpr.evaluation.tables import TableData, load_jumps, load_odometry
 from edge_vpr.evaluation.track_files import AnyTrack, load_track
 from edge_vpr.evaluation.tracks import Track, with_positions
 from edge_vpr.events import TIME_LIMIT_US, SensorSize
@@ -150,7 +151,7 @@ class ReferenceMap(MapRecord):
         pixel_map: PixelMap | PathName | None = None,
         hot: npt.NDArray[np.bool_] | PathName | None = None,
         track: AnyTrack | None = None,
-        odometry: Odometry | PathName | None = None,
+        odometry: Odometry | TableData | PathName | None = None,
         jumps: npt.NDArray[np.int32] | PathName | None = None,
         removed: Removed | None = None,
         **changes: Unpack[SettingChanges],
@@ -175,7 +176,7 @@ class ReferenceMap(MapRecord):
             for it and at least half of the pixels fire.
         track : Track or path or table, optional
             Of this drive; gives each place its position. See `load_track`.
-        odometry : Odometry or path, optional
+        odometry : Odometry or path or table, optional
             Of this drive; gives each place its distance along the drive.
         jumps : ndarray of int32, shape (n, 2), or path, optional
             Pairs of places that one step can lead between; only the place filter takes them.
@@ -231,7 +232,7 @@ class ReferenceMap(MapRecord):
         recording: AnyRecording,
         *,
         track: AnyTrack | None = None,
-        odometry: Odometry | PathName | None = None,
+        odometry: Odometry | TableData | PathName | None = None,
         same_route: bool = False,
         removed: Removed | None = None,
     ) -> MapUpdate[Self]:
@@ -248,7 +249,7 @@ class ReferenceMap(MapRecord):
             Of the drive, from the camera of the map; see `build`.
         track : Track or path or table, optional
             Of this drive.
-        odometry : Odometry or path, optional
+        odometry : Odometry or path or table, optional
             Of this drive; only a map with distances takes it.
         same_route : bool
             The drive is known to be of the route: it is never refused for its looks.
@@ -286,7 +287,7 @@ class ReferenceMap(MapRecord):
         *,
         settings: Settings | None = None,
         every: str | MatchSchedule | None = None,
-        odometry: Odometry | PathName | None = None,
+        odometry: Odometry | TableData | PathName | None = None,
         registered: bool = False,
         **changes: Unpack[MatchingChanges],
     ) -> MatchResult:
@@ -301,7 +302,7 @@ class ReferenceMap(MapRecord):
         every : str or MatchSchedule, optional
             Match event by event as `localiser` does, and give a match as this says: see there. By
             default every window of the drive is matched, also by the windows after it.
-        odometry : Odometry or path, optional
+        odometry : Odometry or path or table, optional
             Of the query drive; only the place filter takes it.
         registered : bool
             Estimate first by how many pixels the query's image is shifted, and move the map's
@@ -718,6 +719,12 @@ class MatchResult:
             For each reason to doubt that two tracks are those of the drives; they are also in
             ``evaluation.truth.notes`` and in the report.
         """
+        if isinstance(truth, Alignment):
+            raise UsageError(
+                "truth is an Alignment, whose tolerance and times are not given: give "
+                "from_alignment(alignment, result.reference.place_time_us, result.query_time_us, "
+                "tolerance)"
+            )
         if isinstance(truth, GroundTruth):
             within = None if truth.positions is None else truth.positions.tolerance
             if tolerance_m not in (None, within):
@@ -976,7 +983,7 @@ def _loaded(track: AnyTrack) -> Track:
     return load_track(track)
 
 
-def _odometry_of(given: Odometry | PathName | None) -> Odometry | None:
+def _odometry_of(given: Odometry | TableData | PathName | None) -> Odometry | None:
     """Return odometry, read from its file if that is given."""
     return given if given is None or isinstance(given, Odometry) else load_odometry(given)
 

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import contextlib
 import csv
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
@@ -13,6 +14,7 @@ import numpy.typing as npt
 from edge_vpr.errors import GroundTruthError, UsageError, as_path
 from edge_vpr.events import TIME_LIMIT_US
 from edge_vpr.files import open_input, replacing
+from edge_vpr.recordings.memory import NamedTable, column_names
 from edge_vpr.route import MOST_MM, Odometry
 
 Floats = npt.NDArray[np.float64]
@@ -102,6 +104,33 @@ def read_cells(path: Path, text: str) -> tuple[tuple[str, ...], list[list[str]]]
     return names, rows
 
 
+#: a table with named columns that a program holds, such as a DataFrame or a dictionary
+TableData: TypeAlias = Mapping[str, npt.ArrayLike] | NamedTable
+
+
+def cells_of(table: Any, names: list[str], place: Path) -> tuple[tuple[str, ...], list[list[str]]]:
+    """Return the header and the rows of a table in memory, as `read_cells` does of a file.
+
+    Parameters
+    ----------
+    names : list of str
+        Of the columns.
+    place : Path
+        Named in messages.
+    """
+    columns = [np.asarray(table[name]) for name in names]
+    shapes = {column.shape for column in columns}
+    if len(shapes) != 1 or columns[0].ndim != 1 or not columns[0].size:
+        raise GroundTruthError(
+            f"{place} has columns of shapes {', '.join(str(each.shape) for each in columns)}: "
+            "give one value a row in each, at least one row"
+        )
+    # text of NumPy's dates keeps all digits, and that of its floats all bits
+    cells = [(each.astype(str) if each.dtype.kind == "M" else each).tolist() for each in columns]
+    header = tuple(name.strip().lower() for name in names)
+    return header, [[str(cell) for cell in row] for row in zip(*cells, strict=True)]
+
+
 def read_table(path: str | Path) -> tuple[tuple[str, ...], Floats]:
     """Read a table of numbers under one header line.
 
@@ -161,12 +190,12 @@ def numbers(
 # Odometry files: tables of time and distance, or of time and speed.
 
 
-def load_odometry(path: str | Path) -> Odometry:
-    """Read odometry from a ``.csv`` table.
+def load_odometry(path: str | Path | TableData) -> Odometry:
+    """Read odometry from a ``.csv`` table, or a table in memory.
 
     Parameters
     ----------
-    path : str or Path
+    path : str or Path or TableData
         With the header ``time_s,distance_m`` (the reading of an odometer, from any zero),
         ``time_s,position_m`` (a track along the route), or ``time_s,speed_mps`` (below 0 backwards;
         between two rows the mean of both holds). Times in seconds from the recording's start.
@@ -176,10 +205,16 @@ def load_odometry(path: str | Path) -> Odometry:
     GroundTruthError
         If the file cannot be read, is not of this form, or holds values out of range.
     """
-    path = as_path(path, "odometry")
-    if path.suffix.lower() != ".csv":
-        raise GroundTruthError(f"{path} is not odometry: give a .csv table")
-    header, table = read_table(path)
+    names = column_names(path)
+    if names is not None:
+        given, path = path, Path("the odometry data")
+        header, rows = cells_of(given, names, path)
+        table = numbers(path, header, rows, range(len(header)))
+    else:
+        path = as_path(path, "odometry")
+        if path.suffix.lower() != ".csv":
+            raise GroundTruthError(f"{path} is not odometry: give a .csv table")
+        header, table = read_table(path)
     speeds = header == ("time_s", "speed_mps")
     if not speeds and header not in (("time_s", "distance_m"), ("time_s", "position_m")):
         raise GroundTruthError(

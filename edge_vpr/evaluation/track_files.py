@@ -5,11 +5,10 @@ from __future__ import annotations
 import datetime as dt
 import re
 from collections import Counter
-from collections.abc import Mapping
 from itertools import takewhile
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any, TypeAlias
+from typing import TypeAlias
 from xml.etree import ElementTree
 
 import numpy as np
@@ -18,30 +17,36 @@ import numpy.typing as npt
 from edge_vpr.errors import GroundTruthError, as_path
 from edge_vpr.evaluation.fixes import Fixes, in_order, possible
 from edge_vpr.evaluation.nmea import is_nmea, read_nmea
-from edge_vpr.evaluation.tables import UNKNOWN, Floats, numbers, read_cells, read_text
+from edge_vpr.evaluation.tables import (
+    UNKNOWN,
+    Floats,
+    TableData,
+    cells_of,
+    numbers,
+    read_cells,
+    read_text,
+)
 from edge_vpr.evaluation.tracks import Track
 from edge_vpr.events import TIME_LIMIT_US
 from edge_vpr.files import replacing
-from edge_vpr.recordings.memory import NamedTable, column_names
+from edge_vpr.recordings.memory import column_names
 from edge_vpr.route import Kind
 
 #: of files that can be a table or poses
 _TEXTS = (".csv", ".tsv", ".txt", ".tum", ".log", ".dat")
 
 
-#: a table with named columns that a program holds, such as a DataFrame or a dictionary
-TrackTable: TypeAlias = Mapping[str, npt.ArrayLike] | NamedTable
 #: a track as callers hold it
-AnyTrack: TypeAlias = Track | TrackTable | str | Path
+AnyTrack: TypeAlias = Track | TableData | str | Path
 _PLACE = Path("the track data")
 
 
-def load_track(path: str | Path | TrackTable, *, max_gap_s: float | None = None) -> Track:
+def load_track(path: str | Path | TableData, *, max_gap_s: float | None = None) -> Track:
     """Read a track from a GPS log, a table with names, or poses as TUM and KITTI write them.
 
     Parameters
     ----------
-    path : str or Path or TrackTable
+    path : str or Path or TableData
         A file, or a table in memory by the same rules (a DataFrame, an Arrow table, a mapping). GPS
         logs are known by their content: NMEA and GPX. A table has a header, which can be a
         comment, as in EuRoC. Its columns are the time (``time_s``, ``timestamp``, ``timestamp
@@ -79,7 +84,9 @@ def load_track(path: str | Path | TrackTable, *, max_gap_s: float | None = None)
     names = column_names(path)
     place = as_path(path, "a track") if names is None else _PLACE
     try:
-        found = _fixes(place) if names is None else _named_columns(place, *_cells(path, names))
+        found = (
+            _fixes(place) if names is None else _named_columns(place, *cells_of(path, names, place))
+        )
         fixes = possible(in_order(found))
         return Track(
             fixes.time_us,
@@ -275,21 +282,6 @@ def _has_header(text: str) -> bool:
             named_above = bool(others) and len(re.split(r"[,;\t]", before)) == len(others) + 1
             return named_above or not _NUMBER.fullmatch(re.split(r"[\s]", first.strip())[0])
     return False
-
-
-def _cells(table: Any, names: list[str]) -> tuple[tuple[str, ...], list[list[str]]]:
-    """Return the header and the rows of a table in memory, as `read_cells` does of a file."""
-    columns = [np.asarray(table[name]) for name in names]
-    shapes = {column.shape for column in columns}
-    if len(shapes) != 1 or columns[0].ndim != 1 or not columns[0].size:
-        raise GroundTruthError(
-            f"{_PLACE} has columns of shapes {', '.join(str(each.shape) for each in columns)}: "
-            "give one value a row in each, at least one row"
-        )
-    # text of NumPy's dates keeps all digits, and that of its floats all bits
-    cells = [(each.astype(str) if each.dtype.kind == "M" else each).tolist() for each in columns]
-    header = tuple(name.strip().lower() for name in names)
-    return header, [[str(cell) for cell in row] for row in zip(*cells, strict=True)]
 
 
 def _named_columns(path: Path, header: tuple[str, ...], rows: list[list[str]]) -> Fixes:

@@ -103,9 +103,11 @@ class Track(EqualByValue):
         back = np.flatnonzero(np.diff(time_us) <= 0)
         if back.size:
             i = int(back[0])
+            in_seconds = (np.diff(np.asarray(self.time_us)) > 0).all()
             raise GroundTruthError(
                 f"track time does not increase at point {i + 1}, from {time_us[i]} to "
                 f"{time_us[i + 1]} us: sort the points and keep one a time"
+                + ("; of seconds, load_track takes a table with time_s" * bool(in_seconds))
             )
         if not np.isfinite(position).all():
             i = int(np.flatnonzero(~np.isfinite(position).all(axis=1))[0])

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from edge_vpr.errors import RecordingError, UsageError, printable
+from edge_vpr.errors import RecordingError, UsageError, as_path, printable
 from edge_vpr.events import LONGEST_SIDE, TIME_LIMIT_US, Sensor
 from edge_vpr.recordings.decoding import ArrayStream
 from edge_vpr.recordings.numpy_files import Archive
@@ -501,7 +501,7 @@ def read_count_frames(path: str | Path) -> CountFrames:
     RecordingError
         If the path is missing or unreadable, or holds something else.
     """
-    path = Path(path)
+    path = as_path(path, "count frames")
     if not path.exists():
         raise RecordingError(f"{path} does not exist: check the path")
     with foreign_errors(path):

@@ -375,3 +375,10 @@ def test_dates_of_a_table_in_memory_are_read_to_the_microsecond(zone):
 def test_a_table_in_memory_that_is_no_track_is_refused(table, message):
     with pytest.raises(GroundTruthError, match=message):
         load_track(table)
+
+
+def test_seconds_in_the_place_of_microseconds_are_recognised():
+    with pytest.raises(GroundTruthError, match=r"from 0 to 0 us: .* a table with time_s"):
+        Track([0.0, 0.5, 1.0], [[0.0], [1.0], [2.0]])
+    with pytest.raises(GroundTruthError, match=r"keep one a time$"):
+        Track([0, 5, 5], [[0.0], [1.0], [2.0]])

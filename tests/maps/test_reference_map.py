@@ -411,6 +411,10 @@ def wrong_uses():
         "matches is a MatchResult: give": lambda drive, route: ev.evaluate(
             route.match(drive), None
         ),
+        "truth is an Alignment, .* give from_alignment": lambda drive, route: route.match(
+            drive
+        ).evaluate(ev.Alignment([[0, 0], [1, 1]], "s"), 1),
+        "path of count frames is an array": lambda drive, route: ev.PublishedWindows(np.ones(3)),
         "track of the reference is a str": lambda drive, route: ev.from_tracks(
             "a", "b", [1], [1], 1
         ),

@@ -41,6 +41,16 @@ def test_a_table_of_distance_is_read_to_the_millimetre(tmp_path):
     assert found.distance_mm.tolist() == [1000, 1002, -3000]
 
 
+def test_a_table_in_memory_is_the_odometry_of_its_file(tmp_path):
+    table = {"time_s": [0, 0.1, 2], "distance_m": [1, 1.0015, -3]}
+    found = load_odometry(table)
+    expected = load_odometry(write(tmp_path, "time_s,distance_m\n0,1\n0.1,1.0015\n2,-3\n"))
+    assert found.time_us.tolist() == expected.time_us.tolist()
+    assert found.distance_mm.tolist() == expected.distance_mm.tolist()
+    with pytest.raises(GroundTruthError, match=r"^the odometry data has the header 'time_s,x_m'"):
+        load_odometry({"time_s": [0, 1], "x_m": [0, 1]})
+
+
 def test_a_table_of_speed_is_integrated_by_the_mean_of_two_rows(tmp_path):
     found = load_odometry(write(tmp_path, "time_s,speed_mps\n0,0\n1,2\n3,2\n4,-2\n"))
     assert found.distance_mm.tolist() == [0, 1000, 5000, 5000]
