@@ -140,8 +140,8 @@ def test_frames_of_published_bags_are_taken_on_the_clock_of_their_tracks(tmp_pat
     ((name, counted, framed),) = read_pairs(tmp_path)
     assert name == "Brisbane, morning against sunset1"
     for drive in (framed.reference, framed.query):
-        assert drive.centre_us.tolist() == [i * SECOND + SECOND // 2 for i in range(10)]
-        assert np.array_equal(drive.images, images[2:12])
+        assert drive.centre_us.tolist() == [i * SECOND + SECOND // 2 for i in range(11)]
+        assert np.array_equal(drive.images, images[2:13])
     assert np.array_equal(counted.query.centre_us, framed.query.centre_us)
 
 
