@@ -72,15 +72,15 @@ class TransitionCosts:
         return cls(settings.filter_restart, settings.window_parts, settings.window == "time")
 
     @property
-    def rows(self) -> npt.NDArray[np.int32]:
-        """Costs of a step of 0, 1, 2 ... places, with fraction bits.
+    def by_step(self) -> Narrow:
+        """Costs of a step of 0, 1, 2 ... places, with fraction bits: one row per step.
 
-        One row for each row of `COSTS_BY_ACTIVITY`, or a single row for any activity.
+        One column for each row of `COSTS_BY_ACTIVITY`, or a single column for any activity.
         """
+        rows = np.array([COUNT_COSTS[self.places_per_window]], dtype=np.int16) << FRACTION_BITS
         if self.by_activity:
-            return np.array(COSTS_BY_ACTIVITY[self.places_per_window], dtype=np.int32)
-        fixed = [COUNT_COSTS[self.places_per_window]]
-        return np.array(fixed, dtype=np.int32) << FRACTION_BITS
+            rows = np.array(COSTS_BY_ACTIVITY[self.places_per_window], dtype=np.int16)
+        return np.ascontiguousarray(rows.T)
 
 
 # Prediction by steps.
@@ -91,8 +91,8 @@ class FilterTable(NamedTuple):
 
     Attributes
     ----------
-    costs : ndarray of int32, shape (rows, steps)
-        See `TransitionCosts.rows`.
+    costs : ndarray of int16, shape (steps, rows)
+        See `TransitionCosts.by_step`.
     restart_cost : int
         Cost of a restart, with fraction bits; `TransitionCosts.restart` is in whole units.
     jumps : ndarray of int32, shape (n, 2)
@@ -105,7 +105,7 @@ class FilterTable(NamedTuple):
         The second-best place is more than this many places from the best.
     """
 
-    costs: Metrics
+    costs: Narrow
     restart_cost: int
     jumps: npt.NDArray[np.int32]
     activity: npt.NDArray[np.int32]
@@ -136,20 +136,15 @@ def write_costs(table: FilterTable, activity: int, out: Narrow) -> None:
     out : ndarray of int16, shape (steps, K)
         Costs, by the length of the step and the place reached.
     """
-    places, last_row = out.shape[1], len(table.costs) - 1
-    rows = np.empty(places if last_row > 0 else 0, dtype=np.int16)
-    for k in range(rows.size):
+    places, last_row = out.shape[1], table.costs.shape[1] - 1
+    rows = np.empty(places, dtype=np.uint8)  # unsigned: Numba looks for no negative index
+    for k in range(places):
         row = (activity - table.activity[k] + (1 << (COST_ROW_SHIFT - 1))) >> COST_ROW_SHIFT
         rows[k] = min(max(row + SAME_ROW, 0), last_row)
-    for i in range(out.shape[0]):
-        of_row, of_step = table.costs[:, i], out[i]
-        if last_row > 0:
-            for k in range(places):
-                of_step[k] = of_row[rows[k]]
-        else:
-            cost = np.int16(of_row[0])
-            for k in range(places):
-                of_step[k] = cost
+    for i in range(len(out)):
+        of_row, of_step = table.costs[i], out[i]
+        for k in range(places):
+            of_step[k] = of_row[rows[k]]
 
 
 @kernel(inner=True)
@@ -212,7 +207,7 @@ def predict(metric: Metrics, table: FilterTable, activity: int, out: Narrow) -> 
     before = np.empty(metric.size, dtype=np.int16)
     for k in range(metric.size):
         before[k] = metric[k]
-    costs = np.empty((table.costs.shape[1], metric.size), dtype=np.int16)
+    costs = np.empty((len(table.costs), metric.size), dtype=np.int16)
     write_costs(table, activity, costs)
     # not a constant, for which Numba would compile another version
     move(before, table, costs, np.bool_(False), out)
@@ -345,7 +340,7 @@ class Transitions:
         if typical is None:
             typical = np.zeros(places, dtype=np.int64)
         self.table = FilterTable(
-            costs.rows, costs.restart << FRACTION_BITS, self.jumps, place_activity, typical,
+            costs.by_step, costs.restart << FRACTION_BITS, self.jumps, place_activity, typical,
             exclusion,
         )  # fmt: skip
         self._along = along_mm
@@ -408,7 +403,7 @@ class Transitions:
         """Return whether `next_place` is reachable from `place` without a restart."""
         table = self.table
         if travelled_mm is None:
-            last = table.costs.shape[1] - 1
+            last = len(table.costs) - 1
             return bool(plain(is_reachable)(place, next_place, last, table.jumps))
         return bool(self.following(place, travelled_mm)[next_place])
 

@@ -139,8 +139,10 @@ def match_by_sequences(
     block = max(1, BLOCK_DISTANCES // len(places))
     parts = []
     for j in range(0, n, block):
-        distances = index.matrix(queries.counts[j : min(j + block, n) + length - 1])
-        parts.append(BestSequences.of(sequence_sums(distances, length), settings.exclusion_places))
+        # the sums of a query lie together, since the search reads them query by query
+        distances = index.rows(queries.counts[j : min(j + block, n) + length - 1])
+        sums = sequence_sums(distances, length).T
+        parts.append(BestSequences.of(sums, settings.exclusion_places))
     return sequence_matches(parts, settings, len(places), queries.centre_us, acceptance)
 
 

@@ -124,7 +124,7 @@ def smooth_windows(
         columns the matches by these, with the margin as trust, in units of 1/16 of a metric, and
         `window_misfit` as misfit.
     """
-    costs = np.empty((table.costs.shape[1], cost_to_go.size), dtype=np.int16)
+    costs = np.empty((len(table.costs), cost_to_go.size), dtype=np.int16)
     for i in range(len(rows.metrics) - 1, -1, -1):
         row, evidence = rows.columns[i], rows.evidence[i]
         margin = match_summed(rows.metrics[i], cost_to_go, table.exclusion, row)
@@ -222,7 +222,7 @@ class HeldWindows(NamedTuple):
         room, places = delay + 1, transitions.places
         numbers = np.zeros(1, dtype=HELD)
         set_numbers(numbers, BEFORE_FIRST)
-        steps = transitions.table.costs.shape[1]
+        steps = len(transitions.table.costs)
         return cls(
             numbers.view(np.recarray),
             np.empty((room, places), dtype=np.int32),

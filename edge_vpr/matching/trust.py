@@ -221,7 +221,7 @@ def write_trust(
     if by_distance:
         reachable = follows[place]
     else:
-        last = table.costs.shape[1] - 1
+        last = len(table.costs) - 1
         reachable = before >= 0 and is_reachable(before, place, last, table.jumps)
     support = support_after(now.support if reachable else 0, place == before, margin)
     residual = residual_of(evidence[place])

@@ -401,12 +401,12 @@ def test_distances_must_be_one_a_place_and_whole():
 
 
 def test_costs_follow_the_kind_of_window():
-    assert TransitionCosts.of(Settings()).rows.shape == (17, 4)
-    assert TransitionCosts.of(Settings(window="count")).rows.tolist() == [[4, 0, 0, 4]]
+    assert TransitionCosts.of(Settings()).by_step.shape == (4, 17)
+    assert TransitionCosts.of(Settings(window="count")).by_step.tolist() == [[4], [0], [0], [4]]
     half = Settings(matching="filter", places_per_window=2)
-    assert TransitionCosts.of(half).rows.shape == (17, 7)
+    assert TransitionCosts.of(half).by_step.shape == (7, 17)
     by_count = TransitionCosts.of(replace(half, window="count"))
-    assert by_count.rows.tolist() == [[4, 0, 0, 0, 0, 4]]
+    assert by_count.by_step.ravel().tolist() == [4, 0, 0, 0, 0, 4]
 
 
 @given(seed=st.integers(0, 2**32), places=st.integers(1, 30), queries=st.integers(1, 10))

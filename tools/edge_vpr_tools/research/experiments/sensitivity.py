@@ -78,7 +78,7 @@ def transitions_of(reference: ReferenceMap, constants: Constants) -> Transitions
     found = Transitions(len(reference), default, activity, exclusion=exclusion)
     table = found.table
     found.table = table._replace(
-        costs=np.rint(constants.steps * table.costs).astype(np.int32),
+        costs=np.rint(constants.steps * table.costs).astype(np.int16),
         restart_cost=round(constants.restart * table.restart_cost),
     )
     return found
