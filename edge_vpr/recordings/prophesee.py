@@ -390,26 +390,27 @@ class EvtWordDecoder:
         self._swap = endianness == "legacy" and encoding == "evt21"
         unknown = {"high": -1, "before": -1, "low": -1, "row": -1, "first": -1}
         values = tuple(unknown.get(name, 0) for name in STATE.names or ())
-        self._state = np.array([values], dtype=STATE).view(np.recarray)
+        state = np.array([values], dtype=STATE)
+        self._state, self._values = state.view(np.recarray), state[0]  # for the kernel; for Python
         self._columns = empty_columns(capacity * self.per_word)
 
     def lose(self) -> None:
         """Handle a loss of words: time and place are unknown until words state them again."""
-        state = self._state[0]
-        state.high = state.low = state.row = state.first = -1
+        for name in ("high", "low", "row", "first"):
+            self._values[name] = -1
 
     @property
     def wraps(self) -> int:
         """Number of wraps of the clock."""
-        return max(0, int(self._state[0].time_base) >> self._high_bits)
+        return max(0, int(self._values["time_base"]) >> self._high_bits)
 
     def take_undated(self) -> int:
         """Return the number of dropped events since the last call.
 
         These came before the first words of time and place.
         """
-        n = int(self._state[0].undated)
-        self._state[0].undated = 0
+        n = int(self._values["undated"])
+        self._values["undated"] = 0
         return n
 
     def decode(self, words: Words) -> Columns:
