@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from importlib import import_module
 from inspect import signature
@@ -666,27 +666,61 @@ class MatchResult:
             query_events=None if self.queries is None else self.queries.events,
         )
 
-    def _doubted(self, reference: AnyTrack, query: AnyTrack, tolerance_m: float) -> GroundTruth:
-        """Return the truth with notes on what the matches say about it."""
-        tracks = _loaded(reference), _loaded(query)
-        truth = self._truth(*tracks, tolerance_m)
+    def doubts_of(
+        self,
+        truth: GroundTruth,
+        tracks: tuple[Track, Track] | None,
+        tolerance_m: float,
+        remedy: Callable[[doubts.Offset], str],
+    ) -> tuple[str, ...]:
+        """Return the reasons to doubt a truth: its own notes, and what the matches say about it.
+
+        Parameters
+        ----------
+        tracks : tuple of two Track, optional
+            From which the truth was made, that of the reference first; None if it was not.
+        remedy : callable
+            Returns how to use an offset of one of them.
+        """
         at = self.matches.place, self.matches.query
-        notes = [
-            *truth.notes,
-            *unjudged(truth, *at),
-            *swapped_logs(truth, lambda: self._truth(*tracks[::-1], tolerance_m), *at),
-        ]
-        correct, judged = correct_of(truth, *at)
-        offset = None
-        if tolerance_m and correct < (1 - doubts.MORE_CORRECT) * judged:
-            place_us, query_us = self.reference.place_time_us[at[0]], self.query_time_us[at[1]]
-            offset = doubts.best_offset(*tracks, place_us, query_us, tolerance_m)
+        found = [*truth.notes, *unjudged(truth, *at)]
+        if tracks is not None:
+            reference, query = tracks
+            found += swapped_logs(truth, lambda: self._truth(query, reference, tolerance_m), *at)
+            correct, judged = correct_of(truth, *at)
+            # otherwise no offset can be clearly better
+            if correct < (1 - doubts.MORE_CORRECT) * judged:
+                found += self.clear_offset(tracks, tolerance_m, remedy)
+        return tuple(found)
+
+    def clear_offset(
+        self,
+        tracks: tuple[Track, Track],
+        tolerance_m: float,
+        remedy: Callable[[doubts.Offset], str],
+    ) -> tuple[str, ...]:
+        """Return a note if the matches clearly fit two tracks with another offset, see `doubts_of`.
+
+        Returns
+        -------
+        tuple of str
+            Empty without such an offset.
+        """
+        offset = self.best_offset(tracks, tolerance_m)
         window_s = self.reference.windows.window_us / 1e6
-        if doubts.is_clear(offset, window_s, self.matches.probability):
-            notes.append(
-                f"{offset}: if its clock may be wrong, give that track .shifted({offset.seconds:g})"
-            )
-        return replace(truth, notes=tuple(notes))
+        if not doubts.is_clear(offset, window_s, self.matches.probability):
+            return ()
+        return (f"{offset}: if its clock may be wrong, {remedy(offset)}",)
+
+    def best_offset(self, tracks: tuple[Track, Track], tolerance_m: float) -> doubts.Offset | None:
+        """Return the offset of one of two tracks with which most matches are correct, if any is."""
+        reference, query = tracks
+        alike = reference.kind == query.kind
+        if not (tolerance_m and alike and reference.position.shape[1] == query.position.shape[1]):
+            return None
+        place_us = self.reference.place_time_us[self.matches.place]
+        query_us = self.query_time_us[self.matches.query]
+        return doubts.best_offset(reference, query, place_us, query_us, tolerance_m)
 
     def evaluate(
         self,
@@ -743,7 +777,13 @@ class MatchResult:
                     "the truth is two tracks, without the distance up to which a match is correct: "
                     "give for example tolerance_m=70"
                 )
-            truth = self._doubted(truth[0], truth[1], tolerance_m)
+            tracks = _loaded(truth[0]), _loaded(truth[1])
+            truth = self._truth(*tracks, tolerance_m)
+            found = self.doubts_of(
+                truth, tracks, tolerance_m,
+                lambda offset: f"give that track .shifted({offset.seconds:g})",
+            )  # fmt: skip
+            truth = replace(truth, notes=found)
             for note in truth.notes:
                 warnings.warn(note, EdgeVprWarning, stacklevel=2)
         return evaluate(

@@ -11,22 +11,14 @@ import numpy.typing as npt
 
 from edge_vpr import results
 from edge_vpr.errors import GroundTruthError, UsageError
-from edge_vpr.evaluation.doubts import (
-    MORE_CORRECT,
-    Offset,
-    best_offset,
-    is_clear,
-)
+from edge_vpr.evaluation.doubts import Offset
 from edge_vpr.evaluation.ground_truth import (
     GroundTruth,
-    correct_of,
     from_alignment,
     from_matrix,
     from_tracks,
     load_alignment,
     load_matrix,
-    swapped_logs,
-    unjudged,
 )
 from edge_vpr.evaluation.track_files import load_track
 from edge_vpr.evaluation.tracks import Track
@@ -116,11 +108,6 @@ class TruthFiles:
             alignment, places_us, queries_us, self.tolerance, frame_period=self.frame_period
         )
 
-    def swapped(self) -> TruthFiles:
-        """Return the two tracks in the other order."""
-        offsets = None if self.offset_s is None else (self.offset_s[1], self.offset_s[0])
-        return replace(self, files=self.files[::-1], offset_s=offsets)
-
 
 #: the word for an offset that is found
 AUTO = "auto"
@@ -161,24 +148,22 @@ def load_evaluated(
         files = replace(files, frame_period=str(reference.frame_period))
     if find_offset:
         files = _with_offset(result, files)
-        return result, _doubted(result, files), files
+    asked = (files.tracks() if len(files.files) == 2 else None), files.tolerance or 0.0
+
+    def remedy(offset: Offset) -> str:
+        first, second = _shifted(files, offset)
+        return f"pass --offset {first:g} {second:g}"
+
     try:
-        truth = _doubted(result, files)
+        truth = truth_of(result, files)
     except GroundTruthError as error:
-        offset = _clear_offset(result, files)
-        if offset is None:
+        tracks, tolerance = asked
+        advice = () if tracks is None else result.clear_offset(tracks, tolerance, remedy)
+        if not advice:
             raise
-        raise GroundTruthError(f"{error}; {_advice(files, offset)}") from None
-    at = matches.place, matches.query
-    if len(files.files) == 2:
-        for line in swapped_logs(truth, lambda: files.swapped()(*_times(result)), *at):
-            warning(line)
-    offset = None
-    correct, judged = correct_of(truth, *at)
-    if correct < (1 - MORE_CORRECT) * judged:  # otherwise no offset can be clearly better
-        offset = _clear_offset(result, files)
-    if offset is not None:
-        warning(_advice(files, offset))
+        raise GroundTruthError(f"{error}; {advice[0]}") from None
+    for line in result.doubts_of(truth, *asked, remedy):
+        warning(line)
     return result, truth, files
 
 
@@ -232,43 +217,12 @@ def evaluated_truth(folder: Path) -> TruthFiles | None:
     return files
 
 
-def _times(result: MatchResult) -> tuple[Times, Times]:
-    return result.reference.place_time_us, result.query_time_us
-
-
 def truth_of(result: MatchResult, files: TruthFiles) -> GroundTruth:
     """Read the truth of the matches."""
     events = None
     if result.queries is not None:
         events = result.reference.places.events, result.queries.events
-    return files(*_times(result), events)
-
-
-def _doubted(result: MatchResult, files: TruthFiles) -> GroundTruth:
-    """Read the truth of the matches, and warn if it is doubtful."""
-    truth = truth_of(result, files)
-    for line in (*truth.notes, *unjudged(truth, result.matches.place, result.matches.query)):
-        warning(line)
-    return truth
-
-
-def _offset(result: MatchResult, files: TruthFiles) -> Offset | None:
-    """Return the offset of one of two logs with which most matches are correct."""
-    if len(files.files) != 2 or not files.tolerance:
-        return None
-    reference, query = files.tracks()
-    if (reference.kind, reference.position.shape[1]) != (query.kind, query.position.shape[1]):
-        return None
-    places_us, queries_us = _times(result)
-    matches = result.matches
-    at = places_us[matches.place], queries_us[matches.query]
-    return best_offset(reference, query, *at, files.tolerance)
-
-
-def _clear_offset(result: MatchResult, files: TruthFiles) -> Offset | None:
-    offset = _offset(result, files)
-    window_s = result.reference.windows.window_us / 1e6
-    return offset if is_clear(offset, window_s, result.matches.probability) else None
+    return files(result.reference.place_time_us, result.query_time_us, events)
 
 
 def _shifted(files: TruthFiles, offset: Offset) -> tuple[float, float]:
@@ -276,16 +230,11 @@ def _shifted(files: TruthFiles, offset: Offset) -> tuple[float, float]:
     return first + offset.pair[0], second + offset.pair[1]
 
 
-def _advice(files: TruthFiles, offset: Offset) -> str:
-    first, second = _shifted(files, offset)
-    return f"{offset}: if its clock may be wrong, pass --offset {first:g} {second:g}"
-
-
 def _with_offset(result: MatchResult, files: TruthFiles) -> TruthFiles:
     """Return the files with the offset that is found, and report it."""
     if len(files.files) != 2:
         raise UsageError("--offset sets the clocks of two tracks right: give two tracks")
-    offset = _offset(result, files)
+    offset = result.best_offset(files.tracks(), files.tolerance or 0.0)
     if offset is None:
         note("--offset auto: no other offset of the two logs is better than 0 0")
         return replace(files, offset_s=(0.0, 0.0))
