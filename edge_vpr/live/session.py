@@ -30,6 +30,7 @@ from edge_vpr.live.reader import LinkReader
 from edge_vpr.live.recorder import Recorder, check_recorded
 from edge_vpr.live.state import StateFile, check_state_file, state_steps
 from edge_vpr.live.watches import SILENT_S, LagWatch, LineWatch, MisfitWatch
+from edge_vpr.online.runs import MatchRow
 from edge_vpr.online.schedule import MatchSchedule
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.results import check_new_file, check_new_map
@@ -560,21 +561,21 @@ class LiveSession:
             return ()
         self._beat_s = time.monotonic()
         delay, found = reference.settings.match_delay, []
-        rows = zip(result.matches.tolist(), result.missing, result.at, result.jumps, strict=True)
-        for row, missing, at, jumps in rows:
-            time_us, place, distance, second, after, ratio, events, start_us, *rest = row
-            trust, misfit, probability, lost = rest
-            age_s = self._lag.age_s(time_us, self._beat_s)
-            then_us = host_us - (result.reached_us - time_us) * (delay > 0)
+        rows = map(MatchRow._make, result.matches.tolist())
+        every = zip(rows, result.missing, result.at, result.jumps, strict=True)
+        for row, missing, at, jumps in every:
+            age_s = self._lag.age_s(row.time_us, self._beat_s)
+            then_us = host_us - (result.reached_us - row.time_us) * (delay > 0)
             if not math.isnan(age_s):
                 then_us = int(1e6 * (time.time() - age_s))
             where: dict[str, Any] = locator.locate(at)
             found.append(
                 LiveMatch(
-                    time_s=time_us / 1e6, query=self._given, place=place, distance=distance,
-                    second=second, second_distance=after, ratio=ratio, events=events,
-                    start_s=start_us / 1e6, trust=trust, misfit=misfit, probability=probability,
-                    lost=lost or age_s > self._oldest_s((time_us - start_us) / 1e6),
+                    time_s=row.time_us / 1e6, query=self._given, place=row.place,
+                    distance=row.distance, second=row.second, second_distance=row.second_distance,
+                    ratio=row.ratio, events=row.events, start_s=row.start_us / 1e6,
+                    trust=row.trust, misfit=row.misfit, probability=row.probability,
+                    lost=row.lost or age_s > self._oldest_s((row.time_us - row.start_us) / 1e6),
                     missing=missing, age_s=age_s, host_us=then_us, jumps=jumps, **where,
                 )
             )  # fmt: skip

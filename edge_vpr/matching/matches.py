@@ -137,12 +137,12 @@ class Matches(EqualByValue):
 
     @property
     def distance(self) -> npt.NDArray[np.float64]:
-        """Distance D_seq of the best place."""
+        """Distance D_seq of the best place; with the place filter, its metric."""
         return self.distance_sum / self.settings.windows_per_match
 
     @property
     def second_distance(self) -> npt.NDArray[np.float64]:
-        """Distance D_seq of the second-best place; NaN if there is none."""
+        """The same of the second-best place; NaN if there is none."""
         return np.where(self.second < 0, np.nan, self.second_sum / self.settings.windows_per_match)
 
     @property

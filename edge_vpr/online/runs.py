@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable
+from typing import NamedTuple, get_type_hints
 
 import numpy as np
 import numpy.typing as npt
@@ -49,25 +50,30 @@ from edge_vpr.online.sliding_windows import (
 from edge_vpr.route import Odometer, OdometerCheck
 from fixedpoint.own_mean import OwnMeanCode, RunningMean
 
-#: One match, with the column names of ``matches.csv``. With the place filter, distances are metrics
-#: and L is 1.
-MATCH_DTYPE = np.dtype(
-    [
-        ("time_us", "<i8"),  # time of the match, by the clock of the events
-        ("place", "<i8"),  # best place; the first one in a tie
-        ("distance", "<f8"),  # of the best place: mean over the L windows of the sequence
-        ("second", "<i8"),  # best place outside the exclusion zone; -1 if there is none
-        ("second_distance", "<f8"),  # its distance; NaN if there is none
-        ("ratio", "<f8"),  # distance / second_distance; NaN if there is no second place
-        ("events", "<i8"),  # number in the newest window, at the selected pixels
-        ("start_us", "<i8"),  # start of the newest window
-        # see `filter_match.FilterMatch`, with sequences the margin; higher means more confident
-        ("trust", "<i8"),
-        ("misfit", "<i8"),  # see `filter_match.FilterMatch`; -1 with sequences
-        ("probability", "<f8"),  # that the match is correct; NaN if unknown
-        ("lost", "?"),  # whether it is rejected at the precision of the settings
-    ]
-)
+
+class MatchRow(NamedTuple):
+    """One match, with the column names of ``matches.csv``.
+
+    With the place filter, distances are metrics and L is 1.
+    """
+
+    time_us: int  #: Time of the match, by the clock of the events.
+    place: int  #: Best place; the first one in a tie.
+    distance: float  #: Of the best place: mean over the L windows of the sequence.
+    second: int  #: Best place outside the exclusion zone; -1 if there is none.
+    second_distance: float  #: Its distance; NaN if there is none.
+    ratio: float  #: `distance` / `second_distance`; NaN if there is no second place.
+    events: int  #: Number in the newest window, at the selected pixels.
+    start_us: int  #: Start of the newest window.
+    #: See `filter_match.FilterMatch`, with sequences the margin; higher means more confident.
+    trust: int
+    misfit: int  #: See `filter_match.FilterMatch`; -1 with sequences.
+    probability: float  #: That the match is correct; NaN if unknown.
+    lost: bool  #: Whether it is rejected at the precision of the settings.
+
+
+#: Records with the fields of `MatchRow`.
+MATCH_DTYPE = np.dtype(list(get_type_hints(MatchRow).items()))
 
 
 # Runs, which feed events to the kernel and do the work that needs Python when it returns.

@@ -139,7 +139,8 @@ def test_health_is_a_diagnosis_of_what_is_new(messages):
     translator = messages.Translator(messages.Frames())
 
     def diagnosed(**counts):
-        given = {"kind": "health", "resyncs": 3, "silent_s": 0.0, "lag_us": 5, **counts}
+        faults = {"resyncs": 3, **counts.pop("faults", {})}
+        given = {"kind": "health", "faults": faults, "silent_s": 0.0, "lag_us": 5, **counts}
         (message,) = translator.messages_of(given, STAMP_US)
         (status,) = message.fields["status"]
         assert {"key": "lag_us", "value": "5"} in status["values"]
@@ -147,11 +148,12 @@ def test_health_is_a_diagnosis_of_what_is_new(messages):
 
     assert diagnosed() == (messages.WARN, "more resyncs")
     assert diagnosed() == (messages.OK, "no new faults")
-    assert diagnosed(resyncs=4, crc_errors=1) == (messages.WARN, "more resyncs, crc errors")
-    assert diagnosed(resyncs=4, crc_errors=1, silent_s=3.2)[0] == messages.ERROR
-    lost = diagnosed(resyncs=4, crc_errors=1, lost_link="/dev/ttyACM0 was lost")
+    more = {"resyncs": 4, "crc_errors": 1}
+    assert diagnosed(faults=more) == (messages.WARN, "more resyncs, crc errors")
+    assert diagnosed(faults=more, silent_s=3.2)[0] == messages.ERROR
+    lost = diagnosed(faults=more, lost_link="/dev/ttyACM0 was lost")
     assert lost == (messages.ERROR, "the link is lost: /dev/ttyACM0 was lost")
-    assert diagnosed(resyncs=4, crc_errors=1, lost_link="")[0] == messages.OK
+    assert diagnosed(faults=more, lost_link="")[0] == messages.OK
 
 
 def test_the_route_is_a_path_of_the_places_whose_position_is_known(messages):
@@ -213,7 +215,7 @@ def test_odometry_is_the_distance_along_the_robots_direction(messages):
 
 
 ROUTE = {"kind": "route", "places": 2, "x_m": [1.0, 2.0], "y_m": [3.0, 4.0]}
-HEALTH = {"kind": "health", "resyncs": 3, "silent_s": 0.5, "bytes": 7}
+HEALTH = {"kind": "health", "faults": {"resyncs": 3}, "silent_s": 0.5, "bytes": 7}
 
 
 def test_every_type_has_the_bytes_that_ros_2_gives_it(messages, dds_types):

@@ -18,7 +18,7 @@ ROUTE = {
     "y_m": [2.0 * i if i % 50 else None for i in range(PLACES)],
 }  # fmt: skip
 HEALTH = {"kind": "health", "rate": 81_234.5, "silent_s": 0.0, "lost_link": "", "events": 900_000,
-          "lag_p99_ms": 4.2, "crc_errors": 12}  # fmt: skip
+          "lag_p99_ms": 4.2, "faults": {"crc_errors": 12}}  # fmt: skip
 
 
 def match(place: int, **more: object) -> dict[str, object]:

@@ -30,6 +30,7 @@ from edge_vpr.live.recorder import ends_early
 from edge_vpr.live.session import LiveStatus, LiveStep
 from edge_vpr.live.watches import SILENT_S
 from edge_vpr.reference_map import ReferenceMap
+from edge_vpr.route import ALONG
 from edge_vpr_tools.console import in_flags, is_quiet, warning
 from edge_vpr_tools.publish import MatchServer
 
@@ -154,15 +155,20 @@ class Panel:
 # Conversion of live matches to rows of JSON.
 
 
+#: Decimals of what is rounded: some 0.1 mm, and 0.1 degrees of a direction.
+_COORDINATES = {"x_m": 3, "y_m": 3, "z_m": 3, "latitude": 9, "longitude": 9}
+_DIGITS = {
+    **_COORDINATES, "heading_deg": 1, **dict.fromkeys((*ALONG, "route_m"), 3)
+}  # fmt: skip
+
+
 def row_of(match: LiveMatch, coordinates: Sequence[str] = ()) -> str:
     """Return a live match as a line of JSON, without a line feed.
-
-    A reader waits for each row, and `json.dumps` would take three times as long.
 
     Parameters
     ----------
     match : LiveMatch
-        Its fields are the row's, but for the `query`.
+        Its fields are the row's, but for the `query` and other coordinates.
     coordinates : sequence of str
         Names of the coordinates that the map has.
 
@@ -171,25 +177,20 @@ def row_of(match: LiveMatch, coordinates: Sequence[str] = ()) -> str:
     str
         What is not known is null: JSON has no not-a-number.
     """
-    where = "".join(
-        f'"{name}": {_metres(getattr(match, name), _DIGITS.get(name, 3))}, ' for name in coordinates
-    )
-    return (
-        f'{{"kind": "match", "time_s": {match.time_s!r}, "place": {match.place}, '
-        f'"distance": {match.distance!r}, "second": {match.second}, '
-        f'"second_distance": {_number(match.second_distance)}, "ratio": {_number(match.ratio)}, '
-        f'"events": {match.events}, "start_s": {match.start_s!r}, "trust": {match.trust}, '
-        f'"misfit": {match.misfit}, "probability": {_number(match.probability)}, '
-        f'"lost": {_FLAG[match.lost]}, "missing": {match.missing!r}, '
-        f'"age_s": {_number(match.age_s)}, "host_us": {match.host_us}, "jumps": {match.jumps}, '
-        f'{where}"heading_deg": {_metres(match.heading_deg, 1)}, '
-        f'"along_m": {_metres(match.along_m)}, "along_from_m": {_metres(match.along_from_m)}, '
-        f'"along_to_m": {_metres(match.along_to_m)}, "route_m": {_metres(match.route_m)}}}'
-    )
+    row: dict[str, Any] = {"kind": "match"}
+    for name, value in zip(match._fields, match, strict=True):
+        if name not in _COORDINATES or name in coordinates:
+            row[name] = _known(name, value)
+    del row["query"]
+    return json.dumps(row)
 
 
-#: Decimals that are some 0.1 mm.
-_DIGITS = {"latitude": 9, "longitude": 9}
+def _known(name: str, value: float | None) -> float | None:
+    """Return a value of a row, rounded; None if it is not known."""
+    if value is None or value != value:
+        return None
+    digits = _DIGITS.get(name)
+    return value if digits is None else round(value, digits)
 
 
 def route_row(reference: ReferenceMap) -> dict[str, Any]:
@@ -199,22 +200,8 @@ def route_row(reference: ReferenceMap) -> dict[str, Any]:
     if locator.route_m is not None:
         places = [locator.locate(place) for place in range(len(reference))]
         for name in (*locator.names, "along_m", "heading_deg"):
-            values = (place[name] for place in places)
-            digits = _DIGITS.get(name, 3)
-            row[name] = [None if value is None else round(value, digits) for value in values]
+            row[name] = [_known(name, place[name]) for place in places]
     return row
-
-
-#: As JSON has it.
-_FLAG = {True: "true", False: "false"}
-
-
-def _number(value: float) -> str:
-    return repr(value) if value == value else "null"
-
-
-def _metres(value: float | None, digits: int = 3) -> str:
-    return "null" if value is None else repr(round(value, digits))
 
 
 # Output of a live run: a view on a terminal, plain lines in a pipe, JSON for programs.
@@ -385,6 +372,7 @@ class View:
         return {
             "kind": "health",
             **asdict(status.health),
+            "faults": status.health.faults,
             "dead_s": status.dead_s,
             "lost_link": status.lost_link,
             "rate": self._rate,

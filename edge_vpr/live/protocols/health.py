@@ -98,6 +98,14 @@ class Health:
         """Number that grows whenever a loss becomes known; a window with a loss is incomplete."""
         return sum(getattr(self, name) for name in _LOSSES)
 
+    @property
+    def faults(self) -> dict[str, int]:
+        """Counts of the faults that occurred, by their names."""
+        counts = {name: count for name in _FAULTS if (count := getattr(self, name))}
+        if self.lost_at_most == self.lost:
+            counts.pop("lost_at_most", None)
+        return counts
+
     def reject_undated(self, n: int) -> None:
         """Count `n` decoded events that have no time."""
         self.undated += n
@@ -106,10 +114,7 @@ class Health:
     def __str__(self) -> str:
         """Return every fault that occurred, with its count."""
         parts = []
-        for name in _FAULTS:
-            count = getattr(self, name)
-            if not count or (name == "lost_at_most" and count == self.lost):
-                continue
+        for name, count in self.faults.items():
             name = name.replace("_", " ").replace("crc", "CRC")
             if count == 1:
                 name = "retry" if name == "retries" else name.removesuffix("s")

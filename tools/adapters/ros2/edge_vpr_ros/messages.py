@@ -74,10 +74,6 @@ _STATUS, _APPROXIMATED = {"status": 0, "service": 0}, 1
 OK, WARN, ERROR = 0, 1, 2
 #: Silence in seconds that is an error.
 _SILENT_S = 2.0
-#: Counts of a health row that are no faults.
-_NO_FAULTS = {"accounting", "bytes", "decoded_bytes", "pending_bytes", "frames", "decoded"}
-_NO_FAULTS |= {"events", "held", "wraps", "rate", "silent_s", "dead_s", "cut_off"}
-_NO_FAULTS |= {"kind", "matches"}
 
 
 #: Largest distance in metres, and largest time in seconds.
@@ -308,11 +304,11 @@ class Translator:
 
     def _health(self, row: Mapping[str, Any], stamp_us: int) -> Message:
         silent_s = _number(row, "silent_s") or 0.0
-        counts = {
-            name: value for name, value in row.items()
-            if type(value) is int and name not in _NO_FAULTS and not name.endswith("_us")
-        }  # fmt: skip
-        counts["rows_left_out"] = self.left_out
+        values = {**row, "rows_left_out": self.left_out}
+        faults = values.pop("faults", {})
+        if type(faults) is not dict or not all(type(count) is int for count in faults.values()):
+            raise ValueError(f"faults {_shown(faults)}: expected counts by their names")
+        counts = {**faults, "rows_left_out": self.left_out}
         grown = [
             _text(name).replace("_", " ")
             for name, value in counts.items()
@@ -326,7 +322,7 @@ class Translator:
             level, text = ERROR, f"nothing came for {silent_s:.0f} s"
         if row.get("lost_link"):
             level, text = ERROR, f"the link is lost: {_text(row['lost_link'])}"
-        return diagnosis(level, text, {**row, "rows_left_out": self.left_out}, stamp_us)
+        return diagnosis(level, text, values, stamp_us)
 
 
 def diagnosis(level: int, text: str, values: Mapping[str, Any], stamp_us: int) -> Message:
