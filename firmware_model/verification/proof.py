@@ -125,7 +125,7 @@ CLAIMS = (
     PREDICTION,
     DELAY,
     SEQUENCES,
-    progress("place filter, contrast codes", 90, 120, FILTER=1, OWN_MEAN=1, CONTRAST=1),
+    progress("place filter, contrast codes", 90, 120, FILTER=1, CONTRAST=1),
 )
 
 

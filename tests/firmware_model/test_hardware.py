@@ -1032,6 +1032,12 @@ def test_each_claim_has_a_line_and_one_without_an_answer_does_not_end_the_others
     assert proof.main(["--only", "best and second"]) == 0
 
 
+def test_each_claim_is_about_constants_that_there_are():
+    """Those of the long ones too, which only the command proves."""
+    for claim in proof.CLAIMS:
+        assert (package_with(claim.constants) == package_with({})) == (not claim.constants)
+
+
 #: claims that take seconds; the command has all
 QUICK_CLAIMS = (proof.SMALL_SEARCH, proof.PREDICTION, proof.DELAY)
 
