@@ -58,6 +58,7 @@ from edge_vpr.descriptors.windows import (
     activity_of_drive,
     check_descriptors,
     narrow,
+    overlapping,
 )
 from edge_vpr.errors import EdgeVprWarning, MapError, UsageError, expect
 from edge_vpr.events import Sensor
@@ -517,8 +518,8 @@ def map_traverse(
 ) -> MapRecord:
     """Make a reference map of one drive, in one pass over its events or two.
 
-    A second pass is needed for fixed-count windows, for polarity, for several places per window,
-    and if the images of all windows are too large for a temporary file. If a recording has events
+    A second pass is needed for fixed-count windows, for polarity, and if the images of all windows,
+    or of their parts, are too large for a temporary file. If a recording has events
     at few pixels alone, as published counts do, and no more than the settings ask for, all of them
     are the map's.
 
@@ -564,7 +565,9 @@ def map_traverse(
     check_parts(recording, settings)
     # the released code selects by clipped counts; with other codes, pixels are selected by plain
     # counts, so that maps with different codes have the same pixels
-    with PixelStatistics(sensor, clip=settings.clip) as first:
+    needs_events = settings.window == "count" or settings.polarity
+    parts = 1 if needs_events else settings.window_parts
+    with PixelStatistics(sensor, clip=settings.clip, parts=parts) as first:
         if isinstance(recording, WindowSource):
             check_windows_only(settings)
             settings = settings.replaced({"tau_us": recording.window_us}, "the published windows")
@@ -573,7 +576,7 @@ def map_traverse(
             windows = recording.windows()
         else:
             everything = PixelMap.all_of(sensor)
-            stream = DescriptorStream(everything, FixedTime(settings.tau_us))
+            stream = DescriptorStream(everything, FixedTime(settings.tau_us // parts))
             windows = event_windows(recording, stream, settings, removed)
         for window in windows:
             first.add(window)
@@ -596,10 +599,11 @@ def map_traverse(
             settings = settings.replaced({"pixels": len(pixel_map)}, "the recording")
         if settings.window == "count" and settings.events_per_pixel is None:
             settings = _with_mean_count(settings, first, pixel_map)
-        needs_events = settings.window == "count" or settings.polarity or settings.window_parts > 1
-        places = None if needs_events else first.descriptors(pixel_map)
-    if places is None:
+        pieces = None if needs_events else first.pieces(pixel_map)
+    if pieces is None:
         places = count_places(recording, pixel_map, settings, removed)
+    else:
+        places = pieces if parts == 1 else overlapping(pieces, parts)
     return coded_map(
         MapRecord(settings.uncoded, pixel_map, places, saliency.astype(np.float32), hot),
         settings,

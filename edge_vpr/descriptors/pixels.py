@@ -14,7 +14,13 @@ import numpy.typing as npt
 
 from edge_vpr.compiling import kernel
 from edge_vpr.descriptors.cleaning import load_pixels
-from edge_vpr.descriptors.windows import Descriptors, WindowCounts, collect, narrow
+from edge_vpr.descriptors.windows import (
+    Descriptors,
+    WindowCounts,
+    collect,
+    narrow,
+    overlapping,
+)
 from edge_vpr.errors import UsageError, expect, kind_of
 from edge_vpr.events import Sensor
 from edge_vpr.plugins import Registry
@@ -294,9 +300,11 @@ class PixelStatistics:
     ----------
     clip : int, optional
         Counts above this are clipped for mean and variance (the released code: 10).
+    parts : int
+        Successive parts that a window is added in.
     spool_bytes : int
-        Size up to which the temporary file may grow; above it `descriptors` returns None and the
-        recording must be read again.
+        Size up to which the temporary file may grow; above it `pieces` and `descriptors` return
+        None, and the recording must be read again.
 
     Attributes
     ----------
@@ -305,14 +313,21 @@ class PixelStatistics:
     """
 
     def __init__(
-        self, sensor: Sensor, *, clip: int | None = None, spool_bytes: int = 2 << 30
+        self,
+        sensor: Sensor,
+        *,
+        clip: int | None = None,
+        parts: int = 1,
+        spool_bytes: int = 2 << 30,
     ) -> None:
         self._sensor = sensor
         self._clip = clip
+        self._parts = parts
+        self._open: list[npt.NDArray[np.int64]] = []  # parts of the window that is not complete
         self._events = np.zeros(sensor.pixels, dtype=np.int64)
         self._sum = np.zeros(sensor.pixels, dtype=np.int64)
         self._sum_of_squares = np.zeros(sensor.pixels, dtype=np.int64)
-        #: of each window in the temporary file: bytes of a count, start, end and events
+        #: of each part in the temporary file: bytes of a count, start, end and events
         self._spooled = array("q")
         self._room = spool_bytes
         self.windows = 0
@@ -329,17 +344,24 @@ class PixelStatistics:
         self._spool.close()
 
     def add(self, window: WindowCounts) -> None:
-        """Add one window, counted at every pixel of the sensor, row by row."""
-        self._events += window.counts
-        counts = window.counts if self._clip is None else np.minimum(window.counts, self._clip)
-        self._sum += counts
-        self._sum_of_squares += counts * counts
-        self.windows += 1
+        """Add a window or the next part of one, counted at every pixel, row by row."""
         if self._room >= 0:
             image = narrow(window.counts)
             self._room -= image.nbytes
             self._spooled.extend((image.itemsize, *window[1:]))
             self._spool.write(image.data)
+        self._open.append(window.counts)
+        if len(self._open) < self._parts:
+            return
+        first, *others = self._open
+        counts = sum(others, start=first)
+        self._open = []
+        self._events += counts
+        if self._clip is not None:
+            counts = np.minimum(counts, self._clip)
+        self._sum += counts
+        self._sum_of_squares += counts * counts
+        self.windows += 1
 
     @property
     def totals(self) -> npt.NDArray[np.int64]:
@@ -368,7 +390,14 @@ class PixelStatistics:
         return np.array(exact).reshape(self.totals.shape)
 
     def descriptors(self, pixel_map: PixelMap) -> Descriptors | None:
-        """Return the counts of the selected pixels in every window.
+        """Return the counts of the selected pixels in every window; see `pieces`."""
+        pieces = self.pieces(pixel_map)
+        if pieces is None or self._parts == 1:
+            return pieces
+        return overlapping(pieces, self._parts).take(slice(None, None, self._parts))
+
+    def pieces(self, pixel_map: PixelMap) -> Descriptors | None:
+        """Return the counts of the selected pixels in every part of a window.
 
         Returns
         -------
