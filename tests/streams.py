@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 
 from edge_vpr.descriptors.windows import Descriptors, narrow
 from edge_vpr.events import Events, Sensor, make_events
 from edge_vpr.live.protocols import Health
-from edge_vpr.recordings import Recording, open_recording
+from edge_vpr.recordings import Recording, open_recording, write_recording
 
 
 def random_events(rng: np.random.Generator, n: int, sensor: Sensor, duration_us: int) -> Events:
@@ -18,6 +20,14 @@ def random_events(rng: np.random.Generator, n: int, sensor: Sensor, duration_us:
         rng.integers(0, sensor.height, n),
         rng.integers(0, 2, n),
     )
+
+
+def write_drives(folder: Path, n: int, sensor: Sensor, duration_us: int) -> None:
+    """Write the random drives reference.npz and query.npz of `n` events each."""
+    rng = np.random.default_rng(0)
+    for name in ("reference", "query"):
+        events = random_events(rng, n, sensor, duration_us)
+        write_recording(folder / f"{name}.npz", [events], sensor=sensor)
 
 
 def cut_up(rng: np.random.Generator, events: Events, pieces: int) -> list[Events]:

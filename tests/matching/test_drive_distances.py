@@ -8,14 +8,14 @@ import pytest
 from edge_vpr_tools import cli
 from hypothesis import given
 from hypothesis import strategies as st
-from streams import descriptors, random_events
+from streams import descriptors, write_drives
 
 from edge_vpr import Matches, ReferenceMap
 from edge_vpr.errors import MissingExtraError, UsageError
 from edge_vpr.events import Sensor
 from edge_vpr.matching import drive as module
 from edge_vpr.matching.drive import drive_distances, match_descriptors
-from edge_vpr.recordings import open_recording, write_recording
+from edge_vpr.recordings import open_recording
 from edge_vpr.settings import Settings
 
 SENSOR = Sensor(16, 12)
@@ -77,10 +77,7 @@ def test_a_matrix_that_would_fill_the_memory_is_refused(monkeypatch):
 @pytest.fixture(scope="module")
 def drives(tmp_path_factory):
     folder = tmp_path_factory.mktemp("drives")
-    rng = np.random.default_rng(0)
-    for name in ("reference", "query"):
-        events = random_events(rng, 3_000, SENSOR, 1_500_000)
-        write_recording(folder / f"{name}.npz", [events], sensor=SENSOR)
+    write_drives(folder, 3_000, SENSOR, 1_500_000)
     settings = Settings(pixels=5, sigma=1.0, tau_us=100_000, sequence_length=3)
     ReferenceMap.build(open_recording(folder / "reference.npz"), settings).save(folder / "map.npz")
     return folder

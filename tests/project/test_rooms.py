@@ -100,32 +100,33 @@ def _loads(path, files):
                     yield node.module
 
 
+def loaded_by(code: str, modules: set[str]) -> str:
+    """Return which of these modules a process has loaded after the code."""
+    code += f"import sys\nprint(sorted({modules} & set(sys.modules)))"
+    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    return run.stdout.splitlines()[-1]
+
+
 def test_help_loads_neither_numpy_nor_numba_nor_matplotlib_nor_readers():
     """So that it stays under 0.25 s."""
     slow = {"numpy", "numba", "matplotlib", "pyarrow", "h5py", "edge_vpr.recordings", "socket"}
     code = (
-        "import sys, contextlib, edge_vpr\n"
-        "from edge_vpr_tools.cli import main\n"
-        "from edge_vpr_tools.cli import VERBS\n"
+        "import contextlib, edge_vpr\n"
+        "from edge_vpr_tools.cli import VERBS, main\n"
         "for verb in ('', *VERBS):\n"
         "    with contextlib.suppress(SystemExit): main([*verb.split(), '--help'])\n"
-        f"print(sorted({slow} & set(sys.modules)))"
     )
-    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert run.stdout.splitlines()[-1] == "[]"
+    assert loaded_by(code, slow) == "[]"
 
 
 def test_what_a_robot_runs_loads_no_pictures_and_no_tables():
     """A session, the map behind it, and `stream` without a terminal: quick to start, and small."""
     unneeded = {"matplotlib", "PIL", "pandas", "pyarrow", "h5py", "rosbags"}
     code = (
-        "import sys, edge_vpr\n"
         "from edge_vpr import LiveSession, Localiser, ReferenceMap\n"
         "import edge_vpr_tools.live_view, edge_vpr_tools.commands.stream\n"
-        f"print(sorted({unneeded} & set(sys.modules)))"
     )
-    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert run.stdout.splitlines()[-1] == "[]"
+    assert loaded_by(code, unneeded) == "[]"
 
 
 def test_parsed_arguments_do_not_leave_the_commands():

@@ -9,6 +9,7 @@ import shlex
 import shutil
 from dataclasses import replace
 from functools import partial
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
@@ -16,7 +17,7 @@ from edge_vpr_tools.cli import main
 from edge_vpr_tools.research.experiments import EXPERIMENTS, STREETS_ONLY, fixed_number, rivals
 from edge_vpr_tools.research.experiments.experiment import Drives, Experiment
 from edge_vpr_tools.research.experiments.plots import dots
-from streams import random_events
+from streams import random_events, write_drives
 
 from edge_vpr.archive import write_archive
 from edge_vpr.events import Sensor, join_events
@@ -33,10 +34,7 @@ SMALL = ["--preset", "paper", "--pixels", "5", "--sigma", "1", "--tau", "100ms",
 def drive(tmp_path_factory):
     """A folder with two drives, a map and matches."""
     folder = tmp_path_factory.mktemp("drive")
-    rng = np.random.default_rng(0)
-    for name in ("reference", "query"):
-        events = random_events(rng, 4_000, SENSOR, 2_000_000)
-        write_recording(folder / f"{name}.npz", [events], sensor=SENSOR)
+    write_drives(folder, 4_000, SENSOR, 2_000_000)
     assert main(["map", str(folder / "reference.npz"), "-o", str(folder / "map.npz"), *SMALL]) == 0
     match = ["match", str(folder / "map.npz"), str(folder / "query.npz")]
     assert main([*match, "-o", str(folder / "results")]) == 0
@@ -362,30 +360,23 @@ def test_an_interrupt_leaves_nothing_half_written(drive, capsys, tmp_path, monke
     assert list(tmp_path.iterdir()) == []
 
 
-def test_a_user_without_a_home_is_told_where_compiled_code_can_go(
-    drive, capsys, tmp_path, monkeypatch
+#: what Numba raises when it is imported from a folder that a service may not write to
+NO_CACHE = RuntimeError("cannot cache function '_below': no locator available for file 'a.py'")
+
+
+@pytest.mark.parametrize(
+    ("error", "says"),
+    [
+        (NO_CACHE, "set NUMBA_CACHE_DIR to a folder that can be written to"),
+        (ZeroDivisionError("oh"), "internal error, ZeroDivisionError: oh"),
+    ],
+)
+def test_an_error_that_nobody_expected_is_one_line_and_debug_shows_the_trace(
+    drive, capsys, tmp_path, monkeypatch, error, says
 ):
-    """Numba raises this when it is imported from a folder that a service may not write to."""
-
-    def fail(*unused):
-        raise RuntimeError("cannot cache function '_below': no locator available for file 'a.py'")
-
-    monkeypatch.setattr("edge_vpr.reference_map.write_csv", fail)
+    monkeypatch.setattr("edge_vpr.reference_map.write_csv", Mock(side_effect=error))
     arguments = ("match", drive / "map.npz", drive / "query.npz", "-o", tmp_path / "results")
-    refused(
-        capsys, *arguments, code=1, says="set NUMBA_CACHE_DIR to a folder that can be written to"
-    )
-
-
-def test_a_fault_of_ours_is_one_line_and_debug_shows_the_trace(
-    drive, capsys, tmp_path, monkeypatch
-):
-    def fail(*unused):
-        raise ZeroDivisionError("oh")
-
-    monkeypatch.setattr("edge_vpr.reference_map.write_csv", fail)
-    arguments = ("match", drive / "map.npz", drive / "query.npz", "-o", tmp_path / "results")
-    refused(capsys, *arguments, code=1, says="internal error, ZeroDivisionError: oh")
+    refused(capsys, *arguments, code=1, says=says)
     _, lines = call(capsys, "--debug", *arguments)
     assert any("Traceback" in line for line in lines)
 
