@@ -323,6 +323,8 @@ def _accepted_tables() -> Named:
     yield "largest_height", one_pixel_draft(height=1 << 15).pack()
     yield "largest_width", one_pixel_draft(1 << 15, height=1, lookup_depth=0).pack()
     yield "one_pixel", one_pixel_draft(1, height=1).pack()
+    most = one_pixel_draft().grow(Table.PLACES, ALIGNMENT * 0xFFFF)
+    yield "most_places", most.header(places=0xFFFF).pack()
     yield "sixteen_slots", one_pixel_draft(pixels=16).pack()
     yield "seventeen_slots", one_pixel_draft(pixels=17, lookup_depth=32).pack()
     yield "shallowest_lookup", deep_draft(1).pack()
