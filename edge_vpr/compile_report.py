@@ -93,7 +93,7 @@ def compiling_reported(
 
             def _say(self) -> None:
                 self._said = True
-                report("compiling the kernels that this needs, once on each machine")
+                report("compiling kernels, once on each machine for each kind of work")
 
         class DamageListener(event.Listener):
             """Report one damaged file, however many there are."""

@@ -72,7 +72,7 @@ from edge_vpr.results import (
     run_record,
     write_json,
 )
-from edge_vpr.route import Odometry
+from edge_vpr.route import Odometry, length_m
 from edge_vpr.settings import (
     SETTING_FIELDS,
     MatchingChanges,
@@ -396,7 +396,6 @@ class ReferenceMap(MapRecord):
     def info(self) -> MapInfo:
         """Return what the map holds; ``print(route.info())`` shows it as ``edge-vpr info`` does."""
         windows, route = self.windows, self.route
-        along = np.empty(0) if route is None else route.along_m[np.isfinite(route.along_m)]
         return MapInfo(
             sensor=str(self.pixel_map.sensor),
             places=len(self),
@@ -405,8 +404,8 @@ class ReferenceMap(MapRecord):
             packed_bytes_per_place=self.packed_bytes_per_place,
             duration_us=int(windows.end_us[-1]),
             window_us=windows.window_us,
-            places_with_position=len(along),
-            route_m=float(np.ptp(along)) if len(along) else None,
+            places_with_position=0 if route is None else int(np.isfinite(route.along_m).sum()),
+            route_m=None if route is None else length_m(route.along_m, self.settings.window_parts),
             settings=self.settings.to_dict(),
         )
 
@@ -460,7 +459,8 @@ class MapInfo:
     duration_us: int
     window_us: int  #: Length of a window; the median, if windows are of a number of events.
     places_with_position: int
-    route_m: float | None  #: Length of the route, if the map has positions.
+    #: Length of the route, to the end of its last window, if the map has positions.
+    route_m: float | None
     settings: dict[str, Any]
 
     @property

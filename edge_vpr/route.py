@@ -42,6 +42,21 @@ class Located(NamedTuple):
     to_m: npt.NDArray[np.float64]
 
 
+def length_m(along_m: npt.NDArray[np.float64], window_parts: int) -> float:
+    """Return the length of a route, to the end of its last window.
+
+    Parameters
+    ----------
+    along_m : ndarray of float64, shape (K,)
+        Metres to the middle of each place, rising; NaN where not known, but not at all of them.
+    window_parts : int
+        Places that start in a window.
+    """
+    known = np.flatnonzero(np.isfinite(along_m))
+    last = np.interp([len(along_m) - 2, len(along_m) - 1], known, along_m[known])
+    return float(last[0] + (1 + window_parts / 2) * (last[1] - last[0]))
+
+
 @dataclass(frozen=True, eq=False)
 class Route(EqualByValue):
     """Positions of the K places of a map."""

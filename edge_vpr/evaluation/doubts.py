@@ -138,8 +138,8 @@ def spacing_note(step: Floats, tolerance: float, unit: str) -> tuple[str, ...]:
         return ()
     return (
         f"the tolerance of {tolerance:g} {unit} is below the distance of neighbouring places, "
-        f"{usual:.3g} {unit} in the median: a match that is one place off counts as "
-        "wrong; give a larger tolerance",
+        f"{usual:.3g} in the median: a match that is one place off counts as wrong; give a larger "
+        "tolerance",
     )
 
 

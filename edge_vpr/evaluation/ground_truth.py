@@ -229,7 +229,7 @@ def _described_truth(
     truth = GroundTruth(
         correct,
         known,
-        f"{source}; {int(known.sum())} of {known.size} queries known, {with_place} with a place",
+        f"{source}; {int(known.sum())} of {known.size} windows known, {with_place} with a place",
         notes,
         positions,
         placed,
@@ -532,7 +532,10 @@ def from_alignment(
     _check_pairs(points)
     queries = alignment.coordinate(_window_times(query_times_us, "query"), frame_period)
     places = alignment.coordinate(_window_times(reference_times_us, "reference"), frame_period)
-    unit = "frames" if alignment.unit == "frame" else alignment.unit
+    unit = spelt = "s"
+    if alignment.unit == "frame":
+        assert frame_period is not None
+        unit, spelt = "frames", f"frames of {float(parse_period(frame_period)):.3g} s"
     expected = interpolate(queries, points[:, 0], points[:, 1:])[:, 0]
     known = ~np.isnan(expected)
     if not known.any():
@@ -545,7 +548,7 @@ def from_alignment(
         correct,
         known,
         f"alignment of {len(points)} points at {tolerance:g} {unit}",
-        doubts.spacing_note(np.abs(np.diff(places)), tolerance, unit),
+        doubts.spacing_note(np.abs(np.diff(places)), tolerance, spelt),
         positions=TruePositions(
             places[:, None],
             expected[:, None],

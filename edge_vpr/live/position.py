@@ -16,6 +16,7 @@ import numpy as np
 import numpy.typing as npt
 
 from edge_vpr.map_record import MapRecord
+from edge_vpr.route import length_m
 
 #: Windows over which the speed along the path is measured: at most, and at least.
 MOST_WINDOWS, LEAST_WINDOWS = 8, 4
@@ -145,7 +146,7 @@ class Locator:
         self._along = along.tolist()
         self._filled = np.interp(np.arange(len(along)), known, along[known]).tolist()
         self._first, self._last = int(known[0]), int(known[-1])
-        self.route_m = _between(self._filled, len(along) - 1 + self._beyond)
+        self.route_m = length_m(along, reference.settings.window_parts)
         if route is not None:
             columns = route.position.T.copy()
             if self._wraps:  # so that no step between two places goes round the earth

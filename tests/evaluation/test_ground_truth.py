@@ -359,7 +359,7 @@ def test_the_description_counts_what_is_known():
     assert truth.description == (
         "metric tracks at 1 m, 8 of 8 places with a position, "
         "100 % of the query's track along the reference's; "
-        "10 of 14 queries known, 9 with a place"
+        "10 of 14 windows known, 9 with a place"
     )
 
 

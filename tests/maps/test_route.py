@@ -16,6 +16,7 @@ from edge_vpr.descriptors.pixels import PixelMap
 from edge_vpr.errors import GroundTruthError, MapError
 from edge_vpr.evaluation.tracks import Track, with_positions
 from edge_vpr.events import Sensor
+from edge_vpr.live.position import Locator
 from edge_vpr.recordings import write_recording
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.route import Route
@@ -104,6 +105,8 @@ def test_matches_on_a_map_with_a_track_say_where_they_are(tmp_path, capsys):
     assert main(["map", recording, "-o", path, *small, *with_track]) == 0
     said = capsys.readouterr().out
     assert "61 of 78 places have positions, along 33 m" in said
+    made = ReferenceMap.load(path)
+    assert made.info().route_m == Locator(made).route_m
     for extra in ([], ["--online", "--every", "window"]):
         output = tmp_path / f"results{len(extra)}"
         match = ["match", path, recording, "-o", str(output), "--no-figures", *extra]

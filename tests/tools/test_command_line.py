@@ -241,6 +241,9 @@ def test_a_truth_that_lacks_something_says_what(drive, tmp_path, capsys):
     words = ["evaluate", results, "--tolerance", "2", "--ground-truth"]
     assert "--frame-period 1/30" in refused(capsys, *words, truth)
     assert "a.nmea is one track: give two" in refused(capsys, *words, "a.nmea")
+    tracks = ["evaluate", results, "--ground-truth", "a.nmea", "b.nmea", "--tolerance"]
+    assert "2s is of an alignment" in refused(capsys, *tracks, "2s")
+    assert "give numbers such as 70" in refused(capsys, *tracks, "2", "3s")
     truth.write_text("time_s,position_m\n0,0\n1000,1000\n")
     assert cli.main([*map(str, words), str(truth)]) == 1
     assert "of tracks give two, the reference's" in capsys.readouterr().err
@@ -308,7 +311,7 @@ def test_compilation_that_takes_long_is_announced(capsys, monkeypatch):
         assert kernel(2) == 7
         assert kernel(2.5) == 8.5
     time.sleep(0.05)
-    assert capsys.readouterr().err.count("compiling the kernels") == 1
+    assert capsys.readouterr().err.count("compiling kernels") == 1
     monkeypatch.setattr(console, "SILENT_S", 60.0)
     with console.compiling_noted():
         nb.njit(lambda x: x * 5 + 1)(2)

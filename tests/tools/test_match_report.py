@@ -90,6 +90,21 @@ def test_the_verdict_says_what_the_metrics_say(street):
     assert abs(int(share[1]) - 100 * (yes + bad) / found["queries"]) <= 0.5
 
 
+@pytest.mark.parametrize("promised", [True, False])
+def test_a_missed_precision_says_within_what_it_is_promised(street, promised):
+    """Where the accepted matches are less often correct than that, by the tolerance given."""
+    result = MatchResult.load(street / "results")
+    matches, places = result.matches, len(result.reference)
+    settings = matches.settings.replaced({"precision": "0.99"}, "")
+    matches = replace(matches, settings=settings, lost=np.zeros(len(matches), np.bool_))
+    correct = np.zeros((places, result.queries.end_us.size), np.bool_)
+    correct[matches.place, matches.query] = True
+    correct[:, matches.query[0]] &= promised
+    truth = GroundTruth(correct, np.ones(correct.shape[1], np.bool_), "by hand")
+    said = outcome_of(result.reference, matches, evaluate(matches, truth)).sentence()
+    assert ("(0.99 is promised within 3 windows of the true place)" in said) != promised
+
+
 def test_the_times_of_wrong_matches_are_those_of_the_truth(street):
     verdict = read(street / "results")[0]["verdict"]
     spans = re.findall(r"(\d+)(?: to (\d+))? s", verdict)
@@ -117,6 +132,7 @@ def test_the_report_shows_route_error_and_the_worst_windows(street):
     assert [number for number, *_ in shown] == list("12345")
     sizes = [float(error.replace(",", "")) for *_, error in shown]
     assert sizes == sorted(sizes, reverse=True)
+    assert ("error (m), logarithmic above 3" in text) == (sizes[0] > 9)
     matches = Matches.load(street / "results/matches.npz")
     for number, time, _ in shown:
         j = int(np.argmin(np.abs(matches.time_us / 1e6 - float(time))))

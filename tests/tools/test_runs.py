@@ -10,6 +10,7 @@ import time
 from pathlib import Path
 
 import numba
+import numpy as np
 import pytest
 from edge_vpr_tools.cli import main
 from edge_vpr_tools.commands.calibrate import calibrate
@@ -61,6 +62,10 @@ def test_building_and_matching_give_what_the_commands_write(drive, tmp_path):  #
     truth.write_text("query_s,reference_s\n0,0\n1000,1000\n")
     times = (made.places.centre_us, found.queries.centre_us)
     known = TruthFiles((str(truth),), tolerance=0.3)(*times)
+    truth.write_text("query_frame,reference_frame\n0,0\n9000,9000\n")
+    of = TruthFiles((str(truth),), tolerance=0.3, frame_period="1/9", in_seconds=True)(*times)
+    assert (of.error_unit, of.positions.tolerance) == ("s", 0.3)
+    assert np.array_equal(of.correct, known.correct)
     learnt = calibrate(made, found.matches, known)
     assert 0 < learnt.matches <= len(found.matches) and 0 <= learnt.correct <= learnt.matches
     assert learnt.reference.confidence == learnt.confidence
@@ -139,4 +144,4 @@ def test_a_command_compiles_before_its_work(drive, tmp_path):  # noqa: F811
         capture_output=True, text=True, check=False, timeout=300,
     )  # fmt: skip
     assert done.returncode == 0, done.stderr
-    assert "compiling the kernels that this needs, once on each machine" in done.stderr
+    assert "compiling kernels, once on each machine for each kind of work" in done.stderr

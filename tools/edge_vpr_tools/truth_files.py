@@ -13,6 +13,7 @@ from edge_vpr import results
 from edge_vpr.errors import GroundTruthError, UsageError
 from edge_vpr.evaluation.doubts import Offset
 from edge_vpr.evaluation.ground_truth import (
+    Alignment,
     GroundTruth,
     from_alignment,
     from_matrix,
@@ -23,6 +24,7 @@ from edge_vpr.evaluation.ground_truth import (
 from edge_vpr.evaluation.track_files import load_track
 from edge_vpr.evaluation.tracks import Track
 from edge_vpr.files import parse_errors, read_json
+from edge_vpr.recordings import parse_period
 from edge_vpr.reference_map import MatchResult
 from edge_vpr.results import RecordError, RunRecord, from_json
 from edge_vpr_tools.console import note, warning
@@ -40,7 +42,8 @@ class TruthFiles:
 
     #: Two tracks, reference first; or one matrix (by suffix), or else one alignment.
     files: tuple[str, ...]
-    tolerance: float | None = None  #: Needed for tracks (metres) and alignments (their unit).
+    #: Needed for tracks (metres) and alignments (their unit, or seconds).
+    tolerance: float | None = None
     rows: str | None = None  #: {"reference", "query"}: needed for a matrix.
     #: Needed for an alignment in frames, in seconds, for example ``1/30``.
     frame_period: str | None = None
@@ -48,10 +51,17 @@ class TruthFiles:
     offset_s: tuple[float, float] | None = None
     #: Longest time between points of a track that is interpolated, in seconds; by default found.
     longest_gap_s: float | None = None
+    in_seconds: bool = (
+        False  #: Whether the tolerance is in seconds, of an alignment also in frames.
+    )
 
     def tracks(self) -> tuple[Track, Track]:
         """Read two tracks, the reference's and the query's, with their offsets."""
         gap = self.longest_gap_s
+        if self.in_seconds:
+            raise UsageError(
+                f"--tolerance {self.tolerance:g}s is of an alignment: give metres for two tracks"
+            )
         reference, query = (
             load_track(file, max_gap_s=gap).shifted(at)
             for file, at in zip(self.files, self.offset_s or (0.0, 0.0), strict=True)
@@ -73,7 +83,7 @@ class TruthFiles:
         GroundTruthError
             If a file is wrong.
         """
-        files, offset_s = self.files, self.offset_s
+        files, offset_s, period = self.files, self.offset_s, self.frame_period
         if len(files) > 2:
             raise UsageError(f"{len(files)} ground-truth files: give two tracks, or one other file")
         if offset_s is not None and len(files) != 2:
@@ -99,14 +109,27 @@ class TruthFiles:
                 f"{files[0]} is one track: give two, the reference's and then the query's"
             )
         alignment = load_alignment(files[0])
-        if alignment.unit == "frame" and self.frame_period is None:
-            raise UsageError(
-                f"{files[0]} is in frames, and how long a frame lasts is not given: say for "
-                "example --frame-period 1/30"
-            )
-        return from_alignment(
-            alignment, places_us, queries_us, self.tolerance, frame_period=self.frame_period
-        )
+        if alignment.unit == "frame":
+            if period is None:
+                raise UsageError(
+                    f"{files[0]} is in frames, and how long a frame lasts is not given: say for "
+                    "example --frame-period 1/30"
+                )
+            if self.in_seconds:
+                pairs = np.asarray(alignment.pairs) * float(parse_period(period))
+                alignment = Alignment(pairs, "s")
+        return from_alignment(alignment, places_us, queries_us, self.tolerance, frame_period=period)
+
+
+def parse_tolerances(texts: Sequence[str]) -> tuple[list[float], bool]:
+    """Return the tolerances of ``--tolerance``, and whether they are in seconds, as ``2s`` is."""
+    ending = "s" * all(text.endswith("s") for text in texts)
+    try:
+        return [float(text.removesuffix(ending)) for text in texts], bool(texts and ending)
+    except ValueError:
+        raise UsageError(
+            f"--tolerance {' '.join(texts)}: give numbers such as 70, or all in seconds, as 2s"
+        ) from None
 
 
 #: the word for an offset that is found

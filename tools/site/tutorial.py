@@ -51,7 +51,7 @@ def rerun(text: str, folder: Path) -> str:
                 line, shell=True, cwd=folder, text=True, check=True,
                 stdout=subprocess.PIPE, stderr=subprocess.STDOUT,
             )  # fmt: skip
-            kept = [text for text in run.stdout.splitlines() if "compiling the kernels" not in text]
+            kept = [text for text in run.stdout.splitlines() if "compiling kernels" not in text]
             shown += [f"$ {line}", *kept]
         return "\n".join(["```console", *shown, "```"])
 

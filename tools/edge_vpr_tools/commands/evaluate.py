@@ -66,11 +66,12 @@ def _add_truth_flags(group: argparse._ActionsContainer) -> None:
     )
     group.add_argument(
         "--tolerance",
-        type=float,
+        default=[],
         metavar="T",
         nargs="+",
         help="largest error of a correct match: in metres for tracks, in the unit of the file for "
-        "an alignment; needed for both; of several, the report and the verdict are of the first",
+        "an alignment, or in seconds, as 2s; needed for both; of several, the report "
+        "and the verdict are of the first",
     )
     group.add_argument(
         "--rows", choices=("reference", "query"),
@@ -100,14 +101,16 @@ def run(args: argparse.Namespace) -> None:
     from edge_vpr_tools.report.page import MISSED
     from edge_vpr_tools.report.traverse import tolerance_table, write_report
     from edge_vpr_tools.report.verdict import outcome_of
-    from edge_vpr_tools.truth_files import given_truth, load_evaluated, truth_of
+    from edge_vpr_tools.truth_files import given_truth, load_evaluated, parse_tolerances, truth_of
 
     folder, formats = Path(args.results), figure_formats(args.figures)
-    first, *others = args.tolerance or (None,)
+    tolerances, in_seconds = parse_tolerances(args.tolerance)
+    first, *others = tolerances or (None,)
     files, find_offset = given_truth(
         args.ground_truth, first, args.rows, args.frame_period, args.offset,
         args.longest_gap,
     )  # fmt: skip
+    files = replace(files, in_seconds=in_seconds)
     result, truth, files = load_evaluated(args.results, files, find_offset=find_offset)
     reference, matches = result.reference, result.matches
 
@@ -155,9 +158,8 @@ def run(args: argparse.Namespace) -> None:
     if others:
         table(*tolerance_table(by_tolerance), width=_WIDTH)
     summary(
-        f"{found.queries} queries evaluated by {truth.description}; without known "
-        f"truth {found.queries_unknown}, off the map {found.queries_without_place}, tied "
-        f"{found.queries_tied}"
+        f"{found.queries} of {len(matches)} matches judged, {found.queries_without_place} of them "
+        f"off the map, {found.queries_tied} tied; by {truth.description}"
     )
     _print_trust(matches, found)
     summary(

@@ -126,8 +126,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> None:
     """Map the recording, or load the map; learn the other drives, and save the map."""
-    import numpy as np
-
     from edge_vpr.archive import archive_kind
     from edge_vpr.descriptors.counting import Removed
     from edge_vpr.evaluation.doubts import track_notes
@@ -217,9 +215,11 @@ def run(args: argparse.Namespace) -> None:
             f"{describe_faults(recording)}"
         )
     if reference.route is not None:
-        along = reference.route.along_m
-        known = along[~np.isnan(along)]
-        summary(f"{known.size} of {len(reference)} places have positions, along {known[-1]:,.0f} m")
+        info = reference.info()
+        summary(
+            f"{info.places_with_position} of {info.places} places have positions, along "
+            f"{info.route_m:,.0f} m"
+        )
         for concern in concerns:
             warning(concern)
     if reference.odometer_mm is not None:

@@ -266,6 +266,7 @@ def _error_axis(axes: Axes, truth: GroundTruth, errors: Floats) -> None:
     """Scale the axis of errors: linear up to the tolerance, logarithmic beyond."""
     tolerance = None if truth.positions is None else truth.positions.tolerance
     largest = float(np.nanmax(errors, initial=0.0))
+    label = f"error ({truth.error_unit})"
     if tolerance:
         axes.axhline(tolerance, color=GREY, lw=1, ls="--")
         axes.text(
@@ -278,8 +279,9 @@ def _error_axis(axes: Axes, truth: GroundTruth, errors: Floats) -> None:
             ticks = [0.0, tolerance, *decades[decades > 1.5 * tolerance]]
             axes.set_yticks(ticks, [f"{value:g}" for value in ticks])
             axes.minorticks_off()
+            label += f", logarithmic above {tolerance:g}"
     axes.set_ylim(0, 1.12 * max(largest, 1.25 * (tolerance or 0.8)))  # also where all errors are 0
-    axes.set_ylabel(f"error ({truth.error_unit})")
+    axes.set_ylabel(label)
 
 
 class Window(NamedTuple):

@@ -128,7 +128,11 @@ class Outcome:
             return text.replace("0 %", "none", 1)
         if correct == accepted:
             return text if not self.wrong.any() else f"{text}, all correct"
-        return f"{text}, {percent(correct, accepted)} of them correct"
+        text += f", {percent(correct, accepted)} of them correct"
+        if correct < self.precision * accepted:
+            near = self.matches.settings.exclusion
+            text += f" ({self.precision:g} is promised within {near} windows of the true place)"
+        return text
 
 
 def outcome_of(
