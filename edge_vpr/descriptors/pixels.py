@@ -234,6 +234,8 @@ def too_few_pixels(drawable: int, excluded: int, pixels: int, sensor: Sensor) ->
             f"{begin}: {excluded} others vary, but were left out as hot: keep them "
             "(hot_pixels='keep'), or give a list of the hot ones"
         )
+    if pixels > sensor.pixels:
+        return UsageError(f"{begin}: ask for at most {drawable}")
     return UsageError(f"{begin}: ask for fewer pixels or map a longer traverse")
 
 

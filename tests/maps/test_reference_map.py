@@ -281,6 +281,8 @@ def test_too_few_pixels_after_the_hot_ones_names_the_cause(tmp_path, capsys):
         ev.ReferenceMap.build(Drive(events, SPARSE), hot=hot, pixels=40, tau="100ms")
     with pytest.raises(UsageError, match="ask for fewer pixels or map a longer traverse"):
         ev.ReferenceMap.build(Drive(events[::10], SPARSE), pixels=400, tau="100ms")
+    with pytest.raises(UsageError, match=r"ask for at most \d+$"):
+        ev.ReferenceMap.build(Drive(events[::10], SPARSE), pixels=4_000, tau="100ms")
     ev.write_recording(tmp_path / "sparse.npz", events, sensor=SPARSE)
     np.savetxt(tmp_path / "hot.csv", np.argwhere(hot)[:, ::-1], fmt="%d", delimiter=",")
     words = [str(tmp_path / name) for name in ("sparse.npz", "map.npz", "hot.csv")]

@@ -341,6 +341,14 @@ def test_a_map_of_frames_of_its_pixels_has_no_rate_of_events(drive, tmp_path, ca
     assert "(as in the map's drive)" in joined(capsys.readouterr().out)
 
 
+def test_a_map_of_frames_of_chosen_pixels_alone_has_no_rate_either(shared_data):
+    """All pixels of the frame are those of the map, and not those of the camera."""
+    counts = shared_data / "brisbane_lens49/sunset2.npz"
+    mapped = ReferenceMap.build(counts, frame_period=1, pixels=49)
+    assert len(mapped.pixel_map) == mapped.pixel_map.sensor.pixels
+    assert event_rates(mapped) is None
+
+
 def test_given_places_go_before_those_of_a_design(tmp_path):
     SMALL.save(tmp_path / "mine.toml")
     own = ["--target", "cortex-m4", "--design", str(tmp_path / "mine.toml")]
@@ -379,18 +387,19 @@ def test_the_smallest_design_that_is_as_good_is_recommended(monkeypatch):
         return recommend(design, mission, Limits(m4, [Budget.parse(budget)]))
 
     small, large = Tried(25, 3, 1, 0.90, 0.03), Tried(150, 3, 2, 0.95, 0.02)
-    best, limit = recommended("1MiB", small, large)
+    best, limit, _ = recommended("1MiB", small, large)
     assert (best.tried, limit) == (large, "")
     assert (best.device.design.pixels, best.device.design.places) == (150, 2_000)
     assert best.device.design.exclusion == 2 * PRESETS["default"].exclusion
     # as good by less than the error of the best
-    best, _ = recommended("1MiB", small._replace(accuracy=0.94), large)
+    best, _, most_correct = recommended("1MiB", small._replace(accuracy=0.94), large)
+    assert most_correct.tried == large
     assert best.tried.pixels == 25 and best.device.design.places == 1_000
     assert best.device.mission.selected_share == pytest.approx(25 / (346 * 260))
     # the better one does not fit
-    best, limit = recommended("64KiB", small, large)
-    assert (best.tried, limit) == (small, "64KiB")
-    assert recommended("1KiB", small, large) == (None, "1KiB")
+    best, limit, most_correct = recommended("64KiB", small, large)
+    assert (best.tried, limit) == (small, "64KiB") and most_correct is best
+    assert recommended("1KiB", small, large) == (None, "1KiB", None)
 
 
 def test_the_rovers_question_is_one_command(tmp_path, capsys):
@@ -399,6 +408,10 @@ def test_the_rovers_question_is_one_command(tmp_path, capsys):
     assert main(rover) == 0
     shown = capsys.readouterr().out
     rows, text = rows_of(shown), joined(shown)
+    _, named = text.split("Most correct of those that fit: ")
+    assert named.startswith("cortex-m4 ")
+    share = named[named.index("(") + 1 : named.index(")")]
+    assert float(share) > float(rows["cortex-m4"][-1])
     for name in ("cortex-m0plus", "ecp5-25f", "pi-4", "pi-5"):
         assert rows[name][0] == "none" and f"{name} (power unknown)" in text
     assert rows["pi-zero-2w"][0] == "none"

@@ -97,11 +97,12 @@ def _code_of(reference: ReferenceMap) -> tuple[DeviceCode, int]:
 def event_rates(reference: ReferenceMap) -> tuple[float, float] | None:
     """Return the events per second of the reference drive, and their share at selected pixels.
 
-    None if the drive was counted at the selected pixels alone, which says nothing about the others.
+    None if the drive was counted at the selected pixels alone, which says nothing about the others;
+    also if these are all that its count frames hold.
     A code stands for the count in the middle of its range.
     """
     places, pixel_map = reference.places, reference.pixel_map
-    everywhere = len(pixel_map) == pixel_map.sensor.pixels
+    everywhere = len(pixel_map) == pixel_map.sensor.pixels and reference.frame_period is None
     if (places.events <= places.selected_events).all() and not everywhere:
         return None
     seconds = int((places.end_us - places.start_us).sum()) / 1e6

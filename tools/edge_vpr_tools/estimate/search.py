@@ -165,6 +165,8 @@ class Recommendation(NamedTuple):
     #: The budget or limit that a design breaks which is more accurate by a standard error, or that
     #: the smallest one breaks where none fits; empty where there is none.
     limit: str
+    #: Of the designs that fit, the one with most correct matches.
+    most_correct: Candidate | None = None
 
 
 #: installed beside this module; in a checkout it is among the results
@@ -226,7 +228,8 @@ def recommend(design: Design, mission: Mission, limits: Limits) -> Recommendatio
     if not fitting:
         smallest = min(found, key=lambda one: one.device.memory_bytes)
         return Recommendation(None, smallest.device.limited_by)
-    best = max(fitting, key=lambda one: one.tried.accuracy).tried
+    most_correct = max(fitting, key=lambda one: one.tried.accuracy)
+    best = most_correct.tried
     as_good = [one for one in fitting if one.tried.accuracy >= best.accuracy - best.error]
     chosen = min(as_good, key=lambda one: (one.device.memory_bytes, -one.tried.accuracy))
     better = [one for one in found if one.tried.accuracy > best.accuracy + best.error]
@@ -234,4 +237,4 @@ def recommend(design: Design, mission: Mission, limits: Limits) -> Recommendatio
     limit = ""
     if better:
         limit = min(better, key=lambda one: one.device.memory_bytes).device.limited_by
-    return Recommendation(chosen, limit)
+    return Recommendation(chosen, limit, most_correct)

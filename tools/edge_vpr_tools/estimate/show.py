@@ -149,6 +149,7 @@ def show_recommended(
     rows: list[list[str]] = []
     limits: list[str] = []
     none: list[str] = []
+    larger: list[str] = []
     for target, one in found.items():
         if one.limit:
             exceeded = f"{target.name} ({one.limit})"
@@ -161,6 +162,13 @@ def show_recommended(
             [target.name, str(size.pixels), str(size.code_bits), str(size.places_per_window),
              size_text(device.memory_bytes), _energy(device.cost), f"{size.accuracy:.3f}"]
         )  # fmt: skip
+        if one.most_correct is not None and one.most_correct != one.best:
+            size, device = one.most_correct
+            larger.append(
+                f"{target.name} {size.pixels} pixels, {size.code_bits} bits, "
+                f"{size.places_per_window} per window, {size_text(device.memory_bytes)} "
+                f"({size.accuracy:.3f})"
+            )
     not_fitting = f"No design fits: {', '.join(none)}." if none else ""
     if len(none) == len(found):
         _say(not_fitting)
@@ -174,6 +182,8 @@ def show_recommended(
         "has more places that look alike. Energy of a match is modelled, of "
         f"{WORK}, at {mission.events_per_s:,.0f} events/s."
     )
+    if larger:
+        text += f" Most correct of those that fit: {'; '.join(larger)}."
     if limits:
         text += f" A better one exceeds: {', '.join(limits)}."
     _say(f"{text} {not_fitting}")
