@@ -424,7 +424,7 @@ def test_the_command_makes_and_verifies_vectors(tmp_path, capsys):
     vectors = tmp_path / "vectors"
     made = ["golden", "--design", str(tmp_path / "design.toml"), "-o", str(vectors)]
     assert main(made) == 0
-    assert f"{len(CORNERS)} of {len(CORNERS)} corners" in capsys.readouterr().out
+    assert f"{len(CORNERS)} of its {len(CORNERS)} corners" in capsys.readouterr().out
     assert main(["golden", "verify", str(vectors)]) == 0
     assert "files are as they were made" in capsys.readouterr().out
     records = list(correct_results(vectors))
@@ -574,7 +574,7 @@ def test_a_recording_is_limited_in_windows_and_fits_a_microcontroller(tmp_path, 
         drive = folder / "recording" / "drive"
         arrays = np.load(drive / "case.npz")
         found = len(arrays["expected_windows"])
-        said = f"has {found} of --max-windows 20: the drive is shorter, or --case-size 20KiB"
+        said = f"has {found} of --max-windows 20: --case-size 20KiB has no room for more"
         assert (said in capsys.readouterr().err) == (windows is None)
         assert 0 < found < 20 if windows is None else found == windows
         assert len(arrays["expected_matches"]) == found
@@ -584,6 +584,9 @@ def test_a_recording_is_limited_in_windows_and_fits_a_microcontroller(tmp_path, 
         parts = ("image", "events", "expected")
         assert sum((drive / f"{p}.bin").stat().st_size for p in parts) < bytes_in_flash - 8_192
         same_as_the_pipeline(folder, made, query)
+    capsys.readouterr()
+    assert main([*golden, "-o", str(tmp_path / "v"), "--max-windows", "60"]) == 0
+    assert "of --max-windows 60: the drive is shorter" in capsys.readouterr().err
 
 
 def test_a_header_of_c_says_what_ram_it_takes():
@@ -630,6 +633,7 @@ def test_vectors_have_a_size_of_choice(tmp_path, capsys):
     assert main([*golden, "-o", str(tmp_path / "v"), "--vectors", "1MB"]) == 0
     out, err = capsys.readouterr()
     assert "leaves out the" in err and "v/corners: " in out
+    assert "no case that is left reaches these corners: " in err
     size = sum(p.stat().st_size for p in (tmp_path / "v").rglob("*") if p.is_file())
     assert 0.4e6 < size < 1.3e6
     assert "golden verify" in (tmp_path / "v" / "README.md").read_text()

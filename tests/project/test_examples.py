@@ -331,7 +331,7 @@ def test_a_map_is_put_into_the_flash_of_a_board_alone(street, tmp_path, capsys):
 @pytest.mark.parametrize(
     ("words", "says"),
     [
-        (["map.bin", "--address", "0x08000000"], "--address 0x08000000 is of a map as .hex"),
+        (["map.bin", "--address", "0x08000000"], "--address 0x08000000 is for an output .hex"),
         (["map.hex", "--address", "0x08000008"], "expected a multiple of 16"),
         (["map.hex", "--address", "flash"], "--address flash: expected a multiple of 16"),
         (["map.hex", "--address", "0xFFFFFFF0"], "bytes would end beyond 32 bits"),

@@ -46,7 +46,7 @@ def recorded_case(
     recording: EventSource,
     most_windows: int,
     most_bytes: float,
-) -> Case:
+) -> tuple[Case, bool]:
     """Make a case of the first windows of a drive, cleaned as in the pipeline.
 
     All events at selected pixels are in it. Of the others, which change no result, there are at
@@ -57,6 +57,12 @@ def recorded_case(
     ----------
     most_bytes : float
         Of a microcontroller's flash with the case: image, events, and expected records.
+
+    Returns
+    -------
+    case : Case
+    fits : bool
+        Whether no window was left out for want of memory.
 
     Raises
     ------
@@ -97,7 +103,7 @@ def recorded_case(
             f"{_window_text(design)}: a match takes {design.length} whole "
             f"window{'s' * (design.length > 1)}; take a longer part of the drive"
         )
-    return case
+    return case, windows == most_windows
 
 
 def _window_text(design: Design) -> str:
@@ -166,11 +172,8 @@ def check_vectors_folder(path: Path, overwrite: bool) -> None:
         )
 
 
-def missed_corners(suite: SuiteEntry) -> list[str]:
-    """Return the corners that a suite made for corners does not reach with this design."""
-    if suite.name not in ("corners", "filter"):
-        return []
-    missed = [corner for corner, number in suite.coverage.items() if number == 0]
+def aimed_corners(suite: SuiteEntry) -> dict[str, int]:
+    """Return how often a suite reaches each of the corners that it is made for."""
     if suite.name == "filter":
-        missed = [corner for corner in missed if corner in FILTER_CORNERS]
-    return missed
+        return {corner: suite.coverage[corner] for corner in FILTER_CORNERS}
+    return suite.coverage if suite.name == "corners" else {}

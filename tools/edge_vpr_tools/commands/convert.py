@@ -41,7 +41,9 @@ def run(args: argparse.Namespace) -> None:
     """Read the input and write the output, whole or not at all."""
     suffix = Path(args.output).suffix.lower()
     if args.address is not None and suffix != ".hex":
-        raise UsageError(f"--address {args.address} is of a map as .hex: name such an output")
+        raise UsageError(
+            f"--address {args.address} is for an output .hex; others lie where you put them"
+        )
     if suffix in IMAGES:
         _write_image(args, suffix)
         return

@@ -70,9 +70,9 @@ def run(args: argparse.Namespace) -> None:
     from edge_vpr.reference_map import ReferenceMap
     from edge_vpr_tools.estimate.of_map import design_of
     from edge_vpr_tools.golden_vectors import (
+        aimed_corners,
         case_size,
         check_vectors_folder,
-        missed_corners,
         recorded_case,
         vectors_size,
     )
@@ -89,6 +89,7 @@ def run(args: argparse.Namespace) -> None:
     check_output(output, (args.design, args.map, args.recording))
     check_vectors_folder(output, args.overwrite)
     recorded: list[Case] = []
+    fits = True
     if args.map is None:
         design = Design.load(args.design)
     else:
@@ -97,11 +98,10 @@ def run(args: argparse.Namespace) -> None:
         if args.recording is not None:
             recording = open_recording(args.recording, default_frame_period=reference.frame_period)
             with status("windows of the recording"):
-                recorded = [
-                    recorded_case(
-                        reference, design, recording, args.max_windows, case_size(args.case_size)
-                    )
-                ]
+                case, fits = recorded_case(
+                    reference, design, recording, args.max_windows, case_size(args.case_size)
+                )
+                recorded = [case]
     with replacing_folder(output, args.overwrite) as folder, status("cases") as show_case:
         suites = _suites(args, design, recorded)
         made = {name: cases for name, cases in suites.items() if name != "recording"}
@@ -116,26 +116,25 @@ def run(args: argparse.Namespace) -> None:
         (suite.cases[0].windows for suite in manifest.suites if suite.name == "recording"), None
     )
     if windows is not None and windows < args.max_windows:
-        note(
-            f"the recording's case has {windows} of --max-windows {args.max_windows}: the drive is "
-            f"shorter, or --case-size {args.case_size} has no room for more"
+        why = (
+            "the drive is shorter" if fits else f"--case-size {args.case_size} has no room for more"
         )
+        note(f"the recording's case has {windows} of --max-windows {args.max_windows}: {why}")
     for suite in manifest.suites:
-        missed = missed_corners(suite)
+        missed = [corner for corner, number in aimed_corners(suite).items() if number == 0]
         if missed:
-            note(f"no case of this design reaches these corners: {', '.join(missed)}")
+            cases = "case that is left" if left_out else "case of this design"
+            note(f"no {cases} reaches these corners: {', '.join(missed)}")
     for suite in manifest.suites:
         events, windows, matches = (
             sum(getattr(case, what) for case in suite.cases)
             for what in ("events", "windows", "matches")
         )
-        reached = sum(number > 0 for number in suite.coverage.values())
+        aimed = aimed_corners(suite)
+        reached = f", {sum(map(bool, aimed.values()))} of its {len(aimed)} corners" if aimed else ""
         held = ((len(suite.cases), "case"), (events, "event"), (windows, "window"))
         numbers = [number_of(*one) for one in (*held, (matches, "match"))]
-        summary(
-            f"{Path(args.output) / suite.name}: {', '.join(numbers)}, {reached} of "
-            f"{len(suite.coverage)} corners"
-        )
+        summary(f"{Path(args.output) / suite.name}: {', '.join(numbers)}{reached}")
 
 
 def _suites(
