@@ -133,8 +133,8 @@ class LagWatch:
             self._behind = True
             self._say(
                 "lag",
-                f"events are matched {lag_us / 1e6:.1f} s late: this machine is busy with "
-                "something else, or the line is slower than the camera",
+                f"events are matched {lag_us / 1e6:.1f} s late: the line stood still, or is slower "
+                "than the camera, or this machine is busy with something else",
             )
         elif self._behind and lag_us < self._limit_us / 2:
             self._behind = False

@@ -900,6 +900,10 @@ def test_the_terminal_shows_where_we_are_and_what_is_wrong(sent, monkeypatch, re
     assert (
         f"place {last['place']} of 29 ({100 * last['place'] / 28:.0f} % of the route)" in shown[2]
     )
+    (newest,) = step_of(step).matches[-1:]
+    view.matches(step_of(step)._replace(matches=(newest._replace(lost=True),)))
+    view.tick(LiveStatus(live.decoder.health, live.filled))
+    assert f"lost, at best place {last['place']} of 29" in shown[-1]
     assert (
         f"ratio {last['ratio']:.3f}, {100 * step.missing[-1]:.0f} % of its events lost" in shown[2]
     )

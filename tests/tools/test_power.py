@@ -1017,6 +1017,11 @@ def test_a_meter_is_added_afterwards_and_drawn(profile, tmp_path, capsys):
     assert energy["figures"]["marginal_j_per_match"] == pytest.approx(JOULES, rel=0.1)
     assert (tmp_path / "report.html").stat().st_size > 10_000
     assert "negative" not in energy["sensor"]["detail"]
+    for by, says in ((1e4, "ahead"), (-1e4, "behind")):
+        table = "".join(f"{t + by},{w * 200}\n" for t, w in zip(time_s, watts, strict=True))
+        (other := tmp_path / f"{says}.csv").write_text(f"time_s,current_ma\n{table}")
+        assert main(["profile", "trace", str(path), str(other), "--voltage", "5"]) == 0
+        assert f"s {says}, by its steps" in " ".join(capsys.readouterr().out.split())
     # one negative reading, as of a disturbed meter
     (other := tmp_path / "other.csv").write_text(f"time_s,current_ma\n{rows}{time_s[-1] + 1},-5\n")
     assert main(["profile", "trace", str(path), str(other), "--voltage", "5"]) == 0

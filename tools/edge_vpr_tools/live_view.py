@@ -393,7 +393,7 @@ class View:
             texts["health"] = "link lost" if str(health) == "no faults" else f"link lost, {health}"
             return texts
         if (newest := self._newest) is not None:
-            texts["place"] = (
+            texts["place"] = "lost, at best " * newest.lost + (
                 f"place {newest.place} of {self._places}"
                 f" ({100 * self._position(filled):.0f} % of the route)"
             )
@@ -402,8 +402,6 @@ class View:
             certainty = "ratio -" if math.isnan(newest.ratio) else f"ratio {newest.ratio:.3f}"
             if not math.isnan(newest.probability):
                 certainty = f"probability {newest.probability:.2f}"
-            if newest.lost:
-                certainty = f"lost ({certainty})"
             texts["certainty"] = certainty
             if newest.misfit >= OFF_MAP_MISFIT:
                 texts["certainty"] += f", {OFF_MAP_TEXT}"

@@ -206,8 +206,8 @@ def with_meter(
         kind="power",
         scope="what the external meter feeds",
         period_s=float(np.median(np.diff(time_s))),
-        detail=f"from {read_from}; its clock is {ahead:.3f} s ahead, by its steps; its gain error "
-        f"is not known{doubt}",
+        detail=f"from {read_from}; its clock is {abs(ahead):.3f} s "
+        f"{'ahead' if ahead > 0 else 'behind'}, by its steps; its gain error is not known{doubt}",
     )
     energy = analyse(Trace.of_power(time_s - ahead, watts), windows, about)
     return replace(found, energy=replace(energy, figures=None) if found.void else energy)

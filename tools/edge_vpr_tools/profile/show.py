@@ -100,7 +100,7 @@ def _energy_notes(energy: Energy) -> list[str]:
     notes = [f"Energy is not measured. {reason}." for reason in energy.not_measured_because]
     if energy.sensor is None:
         if energy.windows:
-            notes.append("Turns were taken: `edge-vpr profile trace` adds a meter's CSV.")
+            notes.insert(0, "Turns were taken: `edge-vpr profile trace` adds a meter's CSV.")
         return notes
     notes.append(_sensor(energy.sensor))
     if busy := varying_load(energy.windows):
@@ -121,9 +121,9 @@ def _energy_notes(energy: Energy) -> list[str]:
 
 
 def _sensor(sensor: About) -> str:
-    step = "step not known"
+    step = "in steps that are not known"
     if sensor.resolution:
-        step = f"steps of {sensor.resolution:.3g} {'J' if sensor.kind == 'energy' else 'W'}"
+        step = f"in steps of {sensor.resolution:.3g} {'J' if sensor.kind == 'energy' else 'W'}"
     return (
         f"Sensor {sensor.name} ({sensor.kind}): {sensor.scope}; a reading every "
         f"{sensor.period_s:g} s, {step}; {sensor.detail}."
