@@ -307,7 +307,7 @@ SENTENCES: list[tuple[str, str, Callable[[], object]]] = [
      lambda: (2 * int(place_bytes()), modelled("time (ms)")[1], modelled("of it RAM (KiB)")[0])),
     ("README", "with our place filter, it reaches {:.2f} live",
      lambda: on_brisbane("seed-code*", LIVE, "49 pixels")),
-    ("README", "reaches {:.2f} when it matches sequences of 5 windows, and {:.2f} of 20.",
+    ("README", "reaches {:.2f} when it matches sequences of 5 windows, and {:.2f} of 20;",
      lambda: [on_brisbane("seed-code*", f"sequences of {n}", "49 pixels") for n in (5, 20)]),
     ("README", "{:.2f} with sequences of 20 at its own 49 pixels; at these, ours reaches {:.2f}",
      lambda: [on_brisbane("LENS, sunset2", "sequences of 20", "LENS's 49 pixels"),

@@ -32,6 +32,7 @@ from edge_vpr_tools.estimate.search import (
 from test_commands import drive  # noqa: F401
 
 from edge_vpr.errors import UsageError
+from edge_vpr.recordings import open_recording
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.settings import PRESETS
 from firmware_model import Design
@@ -344,7 +345,7 @@ def test_a_map_of_frames_of_its_pixels_has_no_rate_of_events(drive, tmp_path, ca
 def test_a_map_of_frames_of_chosen_pixels_alone_has_no_rate_either(shared_data):
     """All pixels of the frame are those of the map, and not those of the camera."""
     counts = shared_data / "brisbane_lens49/sunset2.npz"
-    mapped = ReferenceMap.build(counts, frame_period=1, pixels=49)
+    mapped = ReferenceMap.build(open_recording(counts, frame_period=1), pixels=49)
     assert len(mapped.pixel_map) == mapped.pixel_map.sensor.pixels
     assert event_rates(mapped) is None
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -124,12 +125,14 @@ class TruthFiles:
 def parse_tolerances(texts: Sequence[str]) -> tuple[list[float], bool]:
     """Return the tolerances of ``--tolerance``, and whether they are in seconds, as ``2s`` is."""
     ending = "s" * all(text.endswith("s") for text in texts)
-    try:
-        return [float(text.removesuffix(ending)) for text in texts], bool(texts and ending)
-    except ValueError:
+    found = []
+    with suppress(ValueError):
+        found = [float(text.removesuffix(ending)) for text in texts]
+    if len(found) < len(texts) or not np.isfinite(found).all():
         raise UsageError(
             f"--tolerance {' '.join(texts)}: give numbers such as 70, or all in seconds, as 2s"
-        ) from None
+        )
+    return found, bool(texts and ending)
 
 
 #: the word for an offset that is found

@@ -178,7 +178,11 @@ class _Film:
             flat = local_metres(route.kind, route.position, origin)[:, :2]
             axes.plot(*flat.T, color=GREY, lw=1.5, alpha=0.6)
             axes.set_aspect("equal", adjustable="datalim")
-            axes.set(xlabel="east (m)" if route.kind == "geographic" else "x (m)")
+            geographic = route.kind == "geographic"
+            axes.set(
+                xlabel="east (m)" if geographic else "x (m)",
+                ylabel="north (m)" if geographic else "y (m)",
+            )
             self._path = flat[places]
         else:
             self._path = np.column_stack([self._replay.outcome.time_s, self._x[places]])
