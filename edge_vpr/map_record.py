@@ -597,6 +597,15 @@ def map_traverse(
         else:
             pixel_map = _choose_pixels(first, recording, settings, saliency, hot, ~counted)
             settings = settings.replaced({"pixels": len(pixel_map)}, "the recording")
+        selected = int(first.totals[pixel_map.y, pixel_map.x].sum())
+        if settings.window == "time" and selected < first.windows:
+            warnings.warn(
+                f"windows of {FixedTime(settings.tau_us)} hold {selected / first.windows:.2g} "
+                f"events at the {len(pixel_map)} pixels of the map in the mean, and their places "
+                f"look alike: take longer windows (tau=), or more pixels (pixels=)",
+                EdgeVprWarning,
+                stacklevel=3,
+            )
         if settings.window == "count" and settings.events_per_pixel is None:
             settings = _with_mean_count(settings, first, pixel_map)
         pieces = None if needs_events else first.pieces(pixel_map)

@@ -219,6 +219,13 @@ class ReferenceMap(MapRecord):
             start_us=getattr(drive, "cropped_us", 0),
         )
         check_matchable(made)
+        if "pixels" in changes and pixel_map is None and made.settings.pixels < chosen.pixels:
+            warnings.warn(
+                f"pixels={chosen.pixels}, and the recording has events at {made.settings.pixels} "
+                "pixels alone: the map has these",
+                EdgeVprWarning,
+                stacklevel=2,
+            )
         if track is not None:
             made = with_positions(made, track, getattr(drive, "start_us", None))
         if odometry is not None:
@@ -770,7 +777,8 @@ class MatchResult:
             if isinstance(truth, str | Path) or not isinstance(truth, Sequence) or len(truth) != 2:
                 raise UsageError(
                     f"truth is {kind_of(truth)}: give the track of the reference and that of the "
-                    "query as a pair, or a GroundTruth, as of from_alignment or from_matrix"
+                    "query as a pair, or a GroundTruth, as of from_matrix or "
+                    "from_alignment(load_alignment(path), ...)"
                 )
             if tolerance_m is None:
                 raise UsageError(
@@ -1044,8 +1052,8 @@ def _check_reading(changes: Mapping[str, Any], by: str) -> None:
     """Refuse, among settings, what says how a file is read."""
     for name in changes.keys() & signature(open_recording).parameters:
         raise UsageError(
-            f"{by}: {name} is no setting, and says how a file is read: give "
-            f"open_recording(path, {name}={changes[name]!r}) in place of the path"
+            f"{by}: {name} is no setting, and says how a recording is read: give "
+            f"open_recording(recording, {name}={changes[name]!r}) in its place"
         )
 
 

@@ -60,14 +60,14 @@ Preset = Literal["default", "paper", "seed-code", "tiny"]
 # Conversion between values of settings and their text on the command line and in files.
 
 
-_MICROSECONDS = {"us": 1, "ms": 1_000, "s": 1_000_000, "": 1_000_000}
+_MICROSECONDS = {"us": 1, "ms": 1_000, "s": 1_000_000}
 #: of a restart, in units of evidence; devices have 10 bits for four times as much
 MOST_COST = 254
 
 
 def duration_us(text: str) -> int:
-    """Read ``1s``, ``250ms``, ``500us`` or ``0.5`` (seconds) as whole microseconds."""
-    form = re.fullmatch(r"\s*(\d+(?:\.\d*)?|\.\d+)\s*(us|ms|s|)\s*", text)
+    """Read ``1s``, ``250ms`` or ``500us`` as whole microseconds."""
+    form = re.fullmatch(r"\s*(\d+(?:\.\d*)?|\.\d+)\s*(us|ms|s)\s*", text)
     if form:
         microseconds = Fraction(form[1]) * _MICROSECONDS[form[2]]
         if microseconds.denominator == 1 and microseconds >= 1:
@@ -833,10 +833,10 @@ def values_by_name(values: Mapping[str, Any], source: str) -> dict[str, Any]:
             )
         if field.name in found:
             raise UsageError(f"{source} has both {field.key} and {field.name}: give one of them")
-        if field.name == f"{name}_us" and type(given) is int:
+        if field.name == f"{name}_us" and type(given) in (int, float):
             raise UsageError(
-                f"{source}: setting {name} = {given} has no unit: write '{given}ms' or '{given}s', "
-                f"or give {field.name}"
+                f"{source}: setting {name} = {shown(given)} has no unit: write for example "
+                f"{name} = '250ms', or give {field.name}"
             )
         try:
             found[field.name] = field.value_of(given)

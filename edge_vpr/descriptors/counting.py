@@ -377,7 +377,8 @@ class DescriptorStream:
         if until // tau > MAX_WINDOWS:
             raise UsageError(
                 f"time runs to {until} us, over more than {MAX_WINDOWS} windows of {tau} us: "
-                "check the recording's clock, or take longer windows"
+                "check the unit of its times (time_unit= of open_recording) and its clock, or take "
+                "longer windows (tau=)"
             )
         ends = self._start + tau * np.arange(1, windows + 1)
         cut = 0

@@ -10,7 +10,15 @@ from typing import NamedTuple, TypeGuard
 import numpy as np
 import numpy.typing as npt
 
-from edge_vpr.evaluation.tracks import SHORT_GAP_US, Bools, Floats, Track, distances, interpolate
+from edge_vpr.evaluation.tracks import (
+    SHORT_GAP_US,
+    Bools,
+    Floats,
+    Track,
+    distances,
+    interpolate,
+    unit_doubts,
+)
 
 Times = npt.NDArray[np.int64]
 
@@ -96,10 +104,11 @@ def notes(
 
 def track_notes(track: Track) -> tuple[str, ...]:
     """Return notes on a log alone: what its file says, and whether much of it was left out."""
+    found = tuple(dict.fromkeys([*track.notes, *unit_doubts(track)]))  # of a file, it has them
     total = sum(track.dropped.values())
     if total * 10 > track.entries or any(why in track.dropped for why in _SERIOUS):
-        return (*track.notes, track.describe_dropped())
-    return track.notes
+        return (*found, track.describe_dropped())
+    return found
 
 
 def _against_tolerance(

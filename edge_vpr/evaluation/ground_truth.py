@@ -17,7 +17,14 @@ from edge_vpr.archive import EqualByValue, read_members, read_npy
 from edge_vpr.errors import GroundTruthError, expect, printable
 from edge_vpr.evaluation import doubts
 from edge_vpr.evaluation.tables import read_table
-from edge_vpr.evaluation.tracks import Floats, Track, distances, interpolate, unix_remedy
+from edge_vpr.evaluation.tracks import (
+    Floats,
+    Track,
+    distances,
+    interpolate,
+    seconds_remedy,
+    unix_remedy,
+)
 from edge_vpr.files import open_input
 from edge_vpr.recordings import parse_period
 from edge_vpr.route import Kind
@@ -385,7 +392,11 @@ def _placed(
     notes = [f"the {which} log {note}" for note in frozen]
     positions = track.at(times_us)
     if np.isnan(positions[:, 0]).all():
-        remedy = remedy or "check its clock, and give max_gap_s= if its points are few"
+        remedy = (
+            remedy
+            or seconds_remedy(track, times_us)
+            or "check its clock, and give max_gap_s= if its points are few"
+        )
         raise GroundTruthError(
             "; ".join(notes)
             or f"the {which} track covers {track.time_us[0] / 1e6:g} to "

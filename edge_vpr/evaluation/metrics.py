@@ -345,7 +345,11 @@ def evaluate(
         raise GroundTruthError(
             f"ground truth covers {places} places and {queries} queries, the matches "
             f"{matches.places_in_map} places and queries up to {matches.query.max()}: "
-            "give the ground truth of these two traverses"
+            + (
+                "map with places_per_window=1 if it is for whole windows"
+                if places == (matches.places_in_map + 1) // 2
+                else "give the ground truth of these two traverses"
+            )
         )
     evaluated = truth.judged(matches.place, matches.query)
     if not evaluated.any():

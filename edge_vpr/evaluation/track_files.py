@@ -5,6 +5,7 @@ from __future__ import annotations
 import datetime as dt
 import re
 from collections import Counter
+from dataclasses import replace
 from itertools import takewhile
 from pathlib import Path
 from types import MappingProxyType
@@ -26,7 +27,7 @@ from edge_vpr.evaluation.tables import (
     read_cells,
     read_text,
 )
-from edge_vpr.evaluation.tracks import Track
+from edge_vpr.evaluation.tracks import Track, unit_doubts
 from edge_vpr.events import TIME_LIMIT_US
 from edge_vpr.files import replacing
 from edge_vpr.recordings.memory import column_names
@@ -88,7 +89,7 @@ def load_track(path: str | Path | TableData, *, max_gap_s: float | None = None) 
             _fixes(place) if names is None else _named_columns(place, *cells_of(path, names, place))
         )
         fixes = possible(in_order(found))
-        return Track(
+        track = Track(
             fixes.time_us,
             fixes.position,
             fixes.kind,
@@ -96,8 +97,9 @@ def load_track(path: str | Path | TableData, *, max_gap_s: float | None = None) 
             fixes.start_utc,
             MappingProxyType(dict(fixes.dropped)),
             fixes.entries,
-            (*fixes.notes, *_unit_doubts(fixes)),
+            tuple(fixes.notes),
         )
+        return replace(track, notes=(*track.notes, *unit_doubts(track)))
     except GroundTruthError as error:
         message = str(error)
         raise GroundTruthError(
@@ -121,37 +123,6 @@ def _fixes(path: Path) -> Fixes:
         "this is not a track: give a log of NMEA or GPX, a .csv table, or poses of TUM or KITTI "
         "(.tum, .txt)"
     )
-
-
-# Units: a track that hardly moves is probably in kilometres or degrees.
-
-#: A track that is slower than this on average is in doubt. Chosen by judgement.
-_SLOWEST_MPS = 0.02
-
-
-def _unit_doubts(fixes: Fixes) -> tuple[str, ...]:
-    """Return a note if a metric track hardly moves.
-
-    Raises
-    ------
-    GroundTruthError
-        If its coordinates look like latitudes and longitudes.
-    """
-    position, seconds = fixes.position, float(np.ptp(fixes.time_us)) / 1e6
-    if fixes.kind != "metric" or seconds == 0.0:
-        return ()
-    length = float(np.sqrt((np.diff(position, axis=0) ** 2).sum(axis=1)).sum())
-    if length == 0.0 or length > _SLOWEST_MPS * seconds:
-        return ()
-    speed = f"a track of {length:.3g} m in {seconds:.0f} s"
-    largest = np.abs(position).max(axis=0)
-    degrees = position.shape[1] > 1 and (largest[:2] <= 180.0).all() and largest[:2].min() <= 90.0
-    # from one degree, a metre is the fifth digit behind the point
-    if degrees and (largest[:2] > 0.5).all() and length < 0.1 * largest[:2].min():
-        raise GroundTruthError(
-            f"{speed} looks like degrees: name its columns latitude and longitude in a .csv table"
-        )
-    return (f"{speed} hardly moves: are its positions in kilometres? Give metres",)
 
 
 # GPX, the exchange format of hand-held receivers and telephones.

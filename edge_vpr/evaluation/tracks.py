@@ -6,6 +6,7 @@ import datetime as dt
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from types import MappingProxyType
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -28,6 +29,8 @@ SHORT_GAP_US = 5_000_000
 #: A longer gap is interpolated if the typical gap of the log is at least a fifth of it: a car's
 #: positions between points of 20 s are off by less than 60 m in 95 of 100 cases.
 USUAL_GAPS = 5
+#: Times of a track may be off whole microseconds by less: products of seconds are.
+_ROUNDING_US = 1e-2
 #: Mean radius of the Earth in metres (IUGG, R1).
 EARTH_RADIUS_M = 6_371_008.8
 
@@ -75,7 +78,7 @@ class Track(EqualByValue):
 
     def __post_init__(self) -> None:
         try:
-            time_us = np.array(self.time_us, dtype=np.int64)
+            time_us = _whole(self.time_us)
             position = np.array(self.position, dtype=np.float64)
         except (TypeError, ValueError, OverflowError) as error:
             raise GroundTruthError(
@@ -103,11 +106,9 @@ class Track(EqualByValue):
         back = np.flatnonzero(np.diff(time_us) <= 0)
         if back.size:
             i = int(back[0])
-            in_seconds = (np.diff(np.asarray(self.time_us)) > 0).all()
             raise GroundTruthError(
                 f"track time does not increase at point {i + 1}, from {time_us[i]} to "
                 f"{time_us[i + 1]} us: sort the points and keep one a time"
-                + ("; of seconds, load_track takes a table with time_s" * bool(in_seconds))
             )
         if not np.isfinite(position).all():
             i = int(np.flatnonzero(~np.isfinite(position).all(axis=1))[0])
@@ -205,6 +206,22 @@ class Track(EqualByValue):
             wrapped = np.abs(found[:, 1]) > 180.0
             found[wrapped, 1] = (found[wrapped, 1] + 180.0) % 360.0 - 180.0
         return found
+
+
+def _whole(time_us: npt.ArrayLike) -> npt.NDArray[np.int64]:
+    """Return times of a track as whole numbers; refuse others, which are seconds."""
+    times = np.asarray(time_us)
+    if times.dtype.kind == "f":
+        whole = np.rint(times)
+        off = np.abs(times - whole) - 2 * np.spacing(np.abs(times))
+        odd = np.flatnonzero(~(off < _ROUNDING_US))
+        if odd.size:
+            raise GroundTruthError(
+                f"track time_us has {times.flat[odd[0]]:g}, and is in whole microseconds: give "
+                "np.rint(1e6 * seconds), or a table with time_s (load_track)"
+            )
+        times = whole
+    return np.array(times, dtype=np.int64)
 
 
 def interpolate(
@@ -339,6 +356,49 @@ def unix_remedy(*tracks: Track, start_us: int | None = None) -> str:
     )
 
 
+# Messages about units.
+
+
+#: A metric track that is slower than this on average is in doubt. Chosen by judgement.
+_SLOWEST_MPS = 0.02
+#: Times that end at this share of the drive are not in microseconds.
+_SHORTEST_SHARE = 100
+
+
+def unit_doubts(track: Track) -> tuple[str, ...]:
+    """Return a note if a metric track hardly moves: it is probably in kilometres or degrees.
+
+    Raises
+    ------
+    GroundTruthError
+        If its coordinates look like latitudes and longitudes.
+    """
+    position, seconds = track.position, float(np.ptp(track.time_us)) / 1e6
+    if track.kind != "metric" or seconds == 0.0:
+        return ()
+    length = float(np.sqrt((np.diff(position, axis=0) ** 2).sum(axis=1)).sum())
+    if length == 0.0 or length > _SLOWEST_MPS * seconds:
+        return ()
+    speed = f"a track of {length:.3g} m in {seconds:.0f} s"
+    largest = np.abs(position).max(axis=0)
+    degrees = position.shape[1] > 1 and (largest[:2] <= 180.0).all() and largest[:2].min() <= 90.0
+    # from one degree, a metre is the fifth digit behind the point
+    if degrees and (largest[:2] > 0.5).all() and length < 0.1 * largest[:2].min():
+        raise GroundTruthError(
+            f"{speed} looks like degrees: name its columns latitude and longitude in a .csv table "
+            "(of a Track, kind='geographic')"
+        )
+    return (f"{speed} hardly moves: are its positions in kilometres? Give metres",)
+
+
+def seconds_remedy(track: Track, times_us: npt.NDArray[Any]) -> str:
+    """Return what to do about times of a track that are not in microseconds; "" if they may be."""
+    last, end = int(track.time_us[-1]), int(times_us.max())
+    if not 0 < last * _SHORTEST_SHARE < end:
+        return ""
+    return "time_us is in microseconds: of seconds, give a table with time_s (load_track)"
+
+
 # The positions of a map's places, from the track of the reference drive.
 
 
@@ -359,6 +419,7 @@ def with_positions(reference: AnyMap, track: Track, start_us: int | None = None)
     GroundTruthError
         If the track covers no place.
     """
+    unit_doubts(track)
     position = track.at(reference.place_time_us)
     known = np.flatnonzero(np.isfinite(position).all(axis=1))
     if known.size == 0:
@@ -367,6 +428,7 @@ def with_positions(reference: AnyMap, track: Track, start_us: int | None = None)
             f"the track runs from {first:.1f} to {last:.1f} s and covers no place of the map: "
             + (
                 unix_remedy(track, start_us=start_us)
+                or seconds_remedy(track, reference.place_time_us)
                 or "give the reference drive's own track, and set its clock right"
             )
         )

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from edge_vpr.errors import RecordingError, UsageError, as_path, printable
+from edge_vpr.errors import EdgeVprWarning, RecordingError, UsageError, as_path, printable
 from edge_vpr.events import LONGEST_SIDE, TIME_LIMIT_US, Sensor
 from edge_vpr.recordings.decoding import ArrayStream
 from edge_vpr.recordings.numpy_files import Archive
@@ -509,7 +509,13 @@ def read_count_frames(path: str | Path) -> CountFrames:
 
 
 def parse_period(given: Fraction | float | str) -> Fraction:
-    """Return the exact period of a frame in seconds, of a number or of text such as ``1/30``."""
+    """Return the exact period of a frame in seconds, of a number or of text such as ``1/30``.
+
+    Warns
+    -----
+    EdgeVprWarning
+        If a frame lasts more than a second: frames per second may be meant.
+    """
     period = Fraction(0)
     if isinstance(given, Fraction):
         period = given
@@ -520,6 +526,13 @@ def parse_period(given: Fraction | float | str) -> Fraction:
         period = Fraction(given).limit_denominator(1_000_000)
     if not 0 < period < 1 << 31:
         raise UsageError(f"frame period {given!r} is no positive number: write for example 1/30")
+    if period > 1:
+        warnings.warn(
+            f"frame_period={given}: a frame lasts {float(period):g} s; if there are so many frames "
+            f"a second, give frame_period='{1 / period}'",
+            EdgeVprWarning,
+            stacklevel=3,
+        )
     return period
 
 

@@ -81,9 +81,11 @@ def _refuse_several(given: object) -> None:
     if all(isinstance(each, str | Path) for each in given):
         several = len(given)
     if several > 1 or several == len(given) == 1:
+        parts = all(isinstance(each, np.ndarray) for each in given)
         raise UsageError(
-            f"a drive is one recording, and the {type(given).__name__} holds {several}: give one "
-            "of them; a map learns further drives by route.update(recording)"
+            f"a drive is one recording, and the {type(given).__name__} holds {several}: give "
+            + ("np.concatenate of them if they are parts of one drive, else " * parts)
+            + "one of them; a map learns further drives by route.update(recording)"
         )
 
 

@@ -393,6 +393,8 @@ class FaultLog:
             self.first_unreadable = self.first_unreadable or what
         if not self.drop:
             remedy = self._remedy(int(np.count_nonzero(~good)), good.size, "such events")
+            if (np.diff(t[late]) < 0).any():
+                remedy = f"sort the events by t, or {remedy}"
             raise RecordingError(f"{self.path}: event {self.entries + i:,}: {what}: {remedy}")
         self.faults.unreadable += int(np.count_nonzero(~known))
         self.faults.off_sensor += int(np.count_nonzero(~on & known))

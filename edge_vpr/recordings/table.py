@@ -228,6 +228,18 @@ def check_order(path: Path, rows: npt.NDArray[Any]) -> None:
         )
 
 
+def usual_unit(times: npt.NDArray[Any]) -> str:
+    """Return the unit of the first times of a table that does not state it: "s" or "us".
+
+    Whole numbers are microseconds. As floats they are too if they span 100 or more: events are not
+    seconds apart. (Of float32, they may be seconds since 1970 without their fraction.)
+    """
+    if times.dtype.kind != "f":
+        return "us"
+    whole = times.dtype.itemsize > 4 and bool((times == np.floor(times)).all())
+    return "us" if whole and times.size and np.ptp(times) >= 100 else "s"
+
+
 def microseconds(
     times: npt.NDArray[Any], unit: str | None
 ) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.bool_]]:
@@ -308,7 +320,7 @@ def tidy(
                 "dimensions: events need one whole number or fraction each"
             )
     if unit is None and columns["t"].dtype.kind in "iuf":
-        log.assumed_unit = "s" if columns["t"].dtype.kind == "f" else "us"
+        unit = log.assumed_unit = log.assumed_unit or usual_unit(columns["t"])
     try:
         t, known = microseconds(columns["t"], unit)
     except ValueError as error:

@@ -15,7 +15,7 @@ from edge_vpr.compiling import kernel
 from edge_vpr.errors import RecordingError
 from edge_vpr.events import Events, Sensor
 from edge_vpr.recordings.reading import Columns, FaultLog, ReadOptions, Source
-from edge_vpr.recordings.table import check_order, match_columns, on_events
+from edge_vpr.recordings.table import check_order, match_columns, on_events, usual_unit
 
 # Kernel that parses lines of decimal numbers.
 
@@ -83,8 +83,6 @@ def _parse_lines(buffer, order, point, digits_to_us, out, starts, status):  # ty
             decimals = max(decimals, 0)
             if field == 0:
                 shift = digits_to_us - decimals
-                if decimals > 0:
-                    state = FRACTION
                 while shift > 0:
                     if value > 922337203685477579:
                         state = STRANGE
@@ -98,6 +96,8 @@ def _parse_lines(buffer, order, point, digits_to_us, out, starts, status):  # ty
                         shift += 1
                     rest = value % unit
                     value //= unit
+                    if rest or residue:
+                        state = FRACTION
                     # round to the nearest, ties to even, as Decimal does
                     if 2 * rest > unit or (2 * rest == unit and (residue or value % 2)):
                         value += 1
@@ -185,8 +185,11 @@ class TextSource(Source):
 
     def _unit(self, rows: list[list[str]]) -> str:
         column = self._order.index("t")
-        times = [words[column] for words in rows if len(words) > column]
-        return "s" if any("." in time for time in times) else "us"
+        words = [row[column] for row in rows if len(row) > column]
+        if not any("." in word for word in words):
+            return "us"
+        times = [time for time in map(_number, words) if time is not None]
+        return usual_unit(np.array(times, dtype=np.float64)) if times else "s"
 
     def chunks(self, log: FaultLog) -> Iterator[Columns]:
         """Yield the events; see :class:`Source`."""

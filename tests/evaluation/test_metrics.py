@@ -144,6 +144,8 @@ def test_a_truth_of_another_traverse_is_refused():
     )
     with pytest.raises(GroundTruthError, match="covers 3 places and 1 queries, the matches 2"):
         evaluate(matches, truth_of(np.ones((3, 1))))
+    with pytest.raises(GroundTruthError, match="map with places_per_window=1 if it is for whole"):
+        evaluate(matches, truth_of(np.ones((1, 1))))
 
 
 def test_a_truth_known_for_no_query_is_refused():

@@ -378,7 +378,30 @@ def test_a_table_in_memory_that_is_no_track_is_refused(table, message):
 
 
 def test_seconds_in_the_place_of_microseconds_are_recognised():
-    with pytest.raises(GroundTruthError, match=r"from 0 to 0 us: .* a table with time_s"):
+    with pytest.raises(GroundTruthError, match=r"has 0.5, and is in whole microsec.*1e6"):
         Track([0.0, 0.5, 1.0], [[0.0], [1.0], [2.0]])
     with pytest.raises(GroundTruthError, match=r"keep one a time$"):
         Track([0, 5, 5], [[0.0], [1.0], [2.0]])
+    products = np.array([0.1, 1.1, 1_587_452_582.35]) * 1e6  # not all whole
+    assert Track(products, np.zeros((3, 1))).time_us.tolist() == [
+        100_000, 1_100_000, 1_587_452_582_350_000,
+    ]  # fmt: skip
+
+
+def test_whole_seconds_and_degrees_of_a_track_are_noticed_where_it_is_used():
+    monday, tuesday = simulate_pair(0, "tiny", length_m=40)
+    seconds = Track(np.arange(21), np.linspace([0, 0], [40, 0], 21))
+    there = Track(tuesday.track.time_us, tuesday.track.position * [1.0, 0.0])
+    with pytest.raises(GroundTruthError, match=r"time_us is in microseconds: of seconds"):
+        ReferenceMap.build(monday, pixels=20, track=seconds)
+    route = ReferenceMap.build(monday, pixels=20)
+    result = route.match(tuesday)
+    with pytest.raises(GroundTruthError, match=r"time_us is in microseconds: of seconds"):
+        result.evaluate((seconds, there), 10)
+    degrees = Track(seconds.time_us * 10**6, [-27.5, 152.9] + seconds.position / 111_000)
+    for use in (
+        lambda: ReferenceMap.build(monday, pixels=20, track=degrees),
+        lambda: result.evaluate((degrees, degrees), 10),
+    ):
+        with pytest.raises(GroundTruthError, match=r"like degrees: .*kind='geographic'"):
+            use()

@@ -177,6 +177,22 @@ def test_matching_settings_are_keywords_and_others_are_refused(folder, route):
         route.match(folder / "tuesday.npz", pixels=6)
 
 
+def test_windows_that_hold_hardly_an_event_are_doubted(folder):
+    drive = folder / "monday.npz"
+    with pytest.warns(ev.EdgeVprWarning, match=r"windows of 1e-05 s hold 0\.\d+ events at the 5"):
+        ev.ReferenceMap.build(drive, **SMALL | {"tau": "10us", "matching": "sequence"})
+
+
+def test_fewer_pixels_than_were_asked_for_are_named(tmp_path):
+    counts = np.random.default_rng(0).poisson(20, (40, 9))
+    x, y = np.divmod(np.arange(9), 3)
+    np.savez(tmp_path / "few.npz", counts=counts, pixel_x=x, pixel_y=y, sensor=(64, 48))
+    drive = ev.PublishedWindows(tmp_path / "few.npz", frame_period=1)
+    with pytest.warns(ev.EdgeVprWarning, match="pixels=150, and .* events at 9 pixels alone"):
+        assert ev.ReferenceMap.build(drive, pixels=150).settings.pixels == 9
+    assert ev.ReferenceMap.build(drive).settings.pixels == 9
+
+
 def test_settings_that_leave_the_places_open_take_those_of_the_map(folder, route):
     """Of a preset, `places_per_window` is auto: the map knows what that was."""
     auto = ev.resolve_settings("default", flags=SMALL)
@@ -380,7 +396,8 @@ def wrong_uses():
         "preset 'defualt' is unknown": lambda drive, route: build(drive, "defualt"),
         "settings is a dict: give Settings": lambda drive, route: build(drive, many),
         "setting pixels = 'many'": lambda drive, route: build(drive, pixels="many"),
-        "tau_us = 0.5 .*or a time such as 1s": lambda drive, route: build(drive, tau=0.5),
+        "tau = 0.5 has no unit": lambda drive, route: build(drive, tau=0.5),
+        "tau = '0.5': expected a time such as 1s": lambda drive, route: build(drive, tau="0.5"),
         "the recording is None: give a path": lambda drive, route: build(None),
         "event data does not say how large its sensor": lambda drive, route: build(events_of(0)),
         "pixel_map is a list: give a PixelMap": lambda drive, route: build(
@@ -391,10 +408,10 @@ def wrong_uses():
             drive, hot=np.zeros((12, 16))
         ),
         "tau = 500 has no unit": lambda drive, route: build(drive, tau=500),
-        "open_recording.path, frame_period='1/30'": lambda drive, route: build(
+        "open_recording.recording, frame_period='1/30'": lambda drive, route: build(
             drive, frame_period="1/30"
         ),
-        "open_recording.path, on_fault='drop'": lambda drive, route: route.match(
+        "open_recording.recording, on_fault='drop'": lambda drive, route: route.match(
             drive, on_fault="drop"
         ),
         "localiser: smooth=True needs all later": lambda drive, route: route.localiser(smooth=True),
@@ -495,7 +512,10 @@ def test_what_makes_a_truth_doubtful_is_a_warning_and_in_the_report(tmp_path):
 def test_a_doubtful_unit_of_times_is_a_warning(folder):
     events = events_of(0)
     table = {name: events[name] for name in "xyp"} | {"t": events["t"] * 1000}
-    with pytest.warns(ev.EdgeVprWarning, match="more likely, pass time_unit='ns'"):
+    with (
+        pytest.warns(ev.EdgeVprWarning, match=r"in the mean, .* take longer windows"),
+        pytest.warns(ev.EdgeVprWarning, match="more likely, pass time_unit='ns'"),
+    ):
         ev.ReferenceMap.build(table, sensor=SENSOR, **SMALL)
 
 

@@ -100,6 +100,24 @@ def test_time_0_of_what_a_recording_yielded_stays_that_of_the_recording(drives):
     assert built == ReferenceMap.build(drives[0], track=drives[0].track, pixels=20)
 
 
+@pytest.mark.parametrize("end", ["npy", "txt"])
+def test_whole_floats_are_microseconds_and_fractions_seconds(events, end, tmp_path):
+    """As `np.loadtxt` returns them, and `np.savetxt` and `np.save` write them."""
+    table = np.column_stack(four(events)).astype(float)
+    path = tmp_path / f"drive.{end}"
+    for each in (table, table / [1e6, 1, 1, 1]):
+        np.save(path, each) if end == "npy" else np.savetxt(path, each, "%.7f")
+        for given in (each, path):
+            read = np.concatenate(list(open_recording(given, sensor="32x32")))
+            np.testing.assert_array_equal(read["t"], events["t"] - events["t"][0])
+
+
+def test_events_that_are_not_sorted_are_to_be_sorted(events):
+    mixed = np.random.default_rng(0).permutation(events)
+    with pytest.raises(RecordingError, match=r"runs backwards.*: sort the events by t, or"):
+        list(open_recording(mixed, sensor="32x32"))
+
+
 def test_events_in_memory_are_checked_counted_and_cut_as_those_of_a_file(events):
     late = events.copy()
     late["t"][100] = 0
@@ -125,7 +143,7 @@ def test_events_in_memory_are_checked_counted_and_cut_as_those_of_a_file(events)
         (lambda events: four(events)[:2], "is a sequence of 2"),
         (lambda events: ((events, [1, 2], [3, 4]), 7), r"of a data set's sample its events"),
         (lambda events: (events, events), "drive is one recording, and the tuple holds 2"),
-        (lambda events: [events], "list holds 1: give one"),
+        (lambda events: [events], "list holds 1: give np.concatenate of them if they are parts"),
         (lambda events: ["a.raw", Path("b.raw")], "the list holds 2: give"),
         (lambda events: [open_recording(events, sensor="32x32")] * 2, "the list holds 2"),
         (

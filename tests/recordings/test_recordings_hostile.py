@@ -433,7 +433,7 @@ def test_times_in_an_assumed_unit_that_are_implausible_are_remarked(tmp_path, ca
     ("times", "unit"),
     [
         (1_587_452_582_350_000_000 + np.arange(50) * 10**6, "ns"),
-        (1_587_452_582_350_000.0 + np.arange(50) * 10**3, "us"),  # floats are taken for seconds
+        (1_587_452_582_350_000.5 + np.arange(50) * 10**3, "us"),  # fractions are of seconds
     ],
 )
 @pytest.mark.parametrize("on_fault", ["error", "drop"])

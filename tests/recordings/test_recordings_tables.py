@@ -421,7 +421,7 @@ def test_events_in_order_are_never_asked_for_their_order(tmp_path):
 @pytest.mark.parametrize(
     ("given", "assumed", "unit"),
     [
-        ("float us", "s", "us"), ("float ms", "s", "ms"), ("float ns", "s", "ns"),
+        ("float us", "us", "us"), ("float ms", "s", "ms"), ("float ns", "us", "ns"),
         ("whole ms", "us", "ms"), ("whole ns", "us", "ns"), ("float32 us", "s", "us"),
     ],
 )  # fmt: skip
@@ -435,8 +435,11 @@ def test_an_unlikely_unit_of_time_is_doubted_with_the_likely_one(
     times = scaled.astype({"float": np.float64, "whole": np.int64, "float32": np.float32}[kind])
     path = write_table(tmp_path / f"a{suffix}", times, x, y, p)
     recording = open_recording(path, sensor=SENSOR)
-    assert f"if times are in {assumed}" in recording.remark
-    assert f"pass time_unit='{unit}'" in recording.remark
+    if assumed == unit or (kind, suffix) == ("float32", ".csv"):  # text has all digits
+        assert recording.remark == ""
+    else:
+        assert f"if times are in {assumed}" in recording.remark
+        assert f"pass time_unit='{unit}'" in recording.remark
     recording = open_recording(path, sensor=SENSOR, time_unit=unit)
     assert recording.remark == ""
     assert abs(np.concatenate(list(recording))["t"][-1] - (t[-1] - t[0])) <= 1_000
