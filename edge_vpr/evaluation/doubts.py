@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import NamedTuple, TypeGuard
 
 import numpy as np
@@ -19,6 +19,7 @@ from edge_vpr.evaluation.tracks import (
     interpolate,
     unit_doubts,
 )
+from edge_vpr.route import Kind
 
 Times = npt.NDArray[np.int64]
 
@@ -351,35 +352,42 @@ def _spread(track: Track, most: int, least_m: float) -> tuple[Floats, float]:
     return np.column_stack(found), float(along[-1] / (n - 1))
 
 
-# Queries whose correct place may be one without a position.
+# Where places without a position may be.
 
 
-def may_be_elsewhere(
-    reference: Track, unplaced_us: Floats, queries: Floats, tolerance_m: float
-) -> Bools:
-    """Return for which queries a place without a position may be correct, shape (Q,).
+@dataclass(frozen=True, eq=False)
+class Whereabouts:
+    """Where each place may be: not further from two points of the log than the drive could come.
 
     In a gap of its log, the reference drive can have been wherever it could come to from the point
     before and still reach the point after, at the highest speed of the rest of the log.
-
-    Parameters
-    ----------
-    unplaced_us : ndarray of float64, shape (n,)
-        Times of the places without a position.
-    queries : ndarray of float64, shape (Q, d)
-        Positions of queries without a correct place among those with a position.
     """
-    time_s, n = reference.time_us / 1e6, reference.time_us.size
-    steps = distances(reference.kind, reference.position[1:], reference.position[:-1])
-    speed = float(np.quantile(steps / np.diff(time_s), 0.95)) if n > 1 else 0.0
-    at_s = np.unique(unplaced_us) / 1e6
-    after = np.searchsorted(time_s, at_s)
-    found = np.zeros(len(queries), dtype=np.bool_)
-    for moment, right in zip(at_s.tolist(), after.tolist(), strict=True):
-        near = np.ones(len(queries), dtype=np.bool_)
-        for point in (right - 1, right):
-            if 0 <= point < n:
-                reach = tolerance_m + speed * abs(float(time_s[point]) - moment)
-                near &= distances(reference.kind, reference.position[point], queries) <= reach
-        found |= near
-    return found
+
+    kind: Kind
+    point: Floats  #: Shape (K, 2, d): points of the log before and after each place.
+    reach_m: Floats  #: Shape (K, 2): infinite where the log has no such point.
+
+    @classmethod
+    def of(cls, reference: Track, places_us: Floats) -> Whereabouts:
+        """Return where the places at some times, shape (K,), may be."""
+        time_s, n = reference.time_us / 1e6, reference.time_us.size
+        steps = distances(reference.kind, reference.position[1:], reference.position[:-1])
+        speed = float(np.quantile(steps / np.diff(time_s), 0.95)) if n > 1 else 0.0
+        at_s = places_us / 1e6
+        after = np.searchsorted(time_s, at_s)
+        beside = np.stack([after - 1, after], axis=1)
+        some = np.clip(beside, 0, n - 1)
+        reach = speed * np.abs(time_s[some] - at_s[:, None])
+        return cls(
+            reference.kind, reference.position[some], np.where(some == beside, reach, np.inf)
+        )
+
+    def may_be_within(
+        self, place: npt.NDArray[np.integer] | np.intp, positions: Floats, tolerance_m: float
+    ) -> Bools:
+        """Return whether places, shape (n,) or (), may be within a tolerance of positions."""
+        near = np.ones(len(positions), dtype=np.bool_)
+        for side in (0, 1):
+            off = distances(self.kind, self.point[place, side], positions)
+            near &= off <= tolerance_m + self.reach_m[place, side]
+        return near

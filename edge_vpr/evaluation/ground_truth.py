@@ -49,6 +49,8 @@ class TruePositions:
     kind: Kind
     unit: str  #: Of distances between positions: metres ("m"), or the unit of an alignment.
     tolerance: float  #: Largest error of a correct match, in this unit.
+    #: Where the places without a position may be; by default anywhere.
+    whereabouts: doubts.Whereabouts | None = None
 
     def are_like(self, kind: Kind, position: Floats) -> bool:
         """Return whether positions (K, d) of this kind are in the same coordinates, in metres."""
@@ -131,8 +133,8 @@ class GroundTruth(EqualByValue):
     positions : TruePositions or None
         None of a matrix.
     placed : ndarray of bool, shape (K,)
-        Whether the position of this place is known; by default all are. A match with a place of
-        unknown position cannot be judged.
+        Whether the position of this place is known; by default all are. See `judged` for matches
+        with the others.
     """
 
     correct: npt.NDArray[np.bool_] | TrueCells
@@ -176,9 +178,21 @@ class GroundTruth(EqualByValue):
     def judged(
         self, place: npt.NDArray[np.integer], query: npt.NDArray[np.integer]
     ) -> npt.NDArray[np.bool_]:
-        """Return whether matches of places with queries can be judged, shape (n,)."""
+        """Return whether matches of places with queries can be judged, shape (...).
+
+        A match with a place of unknown position is wrong if the place cannot be within the
+        tolerance of the query.
+        """
         assert self.placed is not None
-        return np.asarray(self.known[query] & self.placed[place])
+        place, query = np.broadcast_arrays(place, query)
+        judged = np.asarray(self.known[query] & self.placed[place])
+        known = self.positions
+        if known is not None and known.whereabouts is not None:
+            open_ = self.known[query] & ~judged
+            judged[open_] = ~known.whereabouts.may_be_within(
+                place[open_], known.query[query[open_]], known.tolerance
+            )
+        return judged
 
     @property
     def chance(self) -> float:
@@ -316,7 +330,8 @@ def from_tracks(
     -------
     GroundTruth
         A query is known where its track covers it, unless its only correct places may be ones
-        without a position. A match with such a place is not judged.
+        without a position. A match with such a place is judged, as wrong, if the place cannot be
+        within the tolerance.
 
     Raises
     ------
@@ -344,10 +359,11 @@ def from_tracks(
     correct = within(places, queries, partial(distances, reference.kind), tolerance_m)
     known, placed = (~np.isnan(positions[:, 0]) for positions in (queries, places))
     alone = np.flatnonzero(known & ~correct.any(axis=0))
-    if not placed.all() and alone.size:
-        known[alone] = ~doubts.may_be_elsewhere(
-            reference, reference_us[~placed], queries[alone], tolerance_m
-        )
+    whereabouts = None
+    if not placed.all():
+        whereabouts = doubts.Whereabouts.of(reference, reference_us)
+        for place in np.flatnonzero(~placed):
+            known[alone] &= ~whereabouts.may_be_within(place, queries[alone], tolerance_m)
     step = distances(reference.kind, places[1:], places[:-1])
     notes += doubts.spacing_note(step, tolerance_m, "m")
     shared = doubts.overlap(reference, query, tolerance_m)
@@ -358,7 +374,7 @@ def from_tracks(
         f"{int(placed.sum())} of {len(places)} places with a position, "
         f"{100 * shared.share:.0f} % of the query's track along the reference's",
         tuple(notes),
-        TruePositions(places, queries, reference.kind, "m", tolerance_m),
+        TruePositions(places, queries, reference.kind, "m", tolerance_m, whereabouts),
         placed,
     )
     if not truth.has_place.any():
@@ -707,14 +723,13 @@ def unjudged(
     unknown = ~truth.judged(place, query)
     if unknown.mean() <= _MUCH_UNKNOWN:
         return ()
-    assert truth.placed is not None
-    places = int(np.count_nonzero(truth.known[query] & ~truth.placed[place]))
+    places = int(np.count_nonzero(truth.known[query] & unknown))
     windows = int(np.count_nonzero(~truth.known[query]))
     causes = [
         f"{count:,} {whose}"
         for count, whose in (
             (windows, "as the window has no position, or its place may have none"),
-            (places, "as the place has none"),
+            (places, "as the place has none, and may be near"),
         )
         if count
     ]

@@ -346,10 +346,15 @@ def test_truth_from_tracks_is_the_oracles_however_the_matrix_is_cut(kind, data, 
     ends, start = reference.time_us[-1], reference.position[-1].tolist()
     steps = zip(reference.position[1:].tolist(), reference.position[:-1].tolist(), strict=True)
     speed = np.quantile([naive.distance(kind, a, b) / 3 for a, b in steps], 0.95)
-    reach = tolerance + speed * max(0, places[-1] - ends) / 1e6
-    near = np.array([naive.distance(kind, start, b) for b in query.at(queries).tolist()]) <= reach
-    maybe = near & (places[-1] > ends) & ~truth.has_place
+    away = np.array([naive.distance(kind, start, b) for b in query.at(queries).tolist()])
+    reach = tolerance + speed * np.maximum(0, places - ends)[:, None] / 1e6
+    near = (away <= reach) & (places > ends)[:, None]
+    maybe = near.any(axis=0) & ~truth.has_place
     np.testing.assert_array_equal(truth.known, (queries <= query.time_us[-1]) & ~maybe)
+    # a match with a place after the log's end is wrong, unless the reference can have been there
+    unsure = np.abs(away - reach) < 1e-6
+    judged = truth.judged(*np.indices(truth.correct.shape))
+    np.testing.assert_array_equal(judged[~unsure], (truth.known & ~near)[~unsure])
     np.testing.assert_array_equal(truth.has_place, truth.correct.any(axis=0))
 
 

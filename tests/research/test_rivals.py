@@ -219,6 +219,21 @@ def test_a_simulated_street_is_counted_by_events(monkeypatch):
     assert [row["system"] for row in found] == list(names)
 
 
+@pytest.mark.parametrize("published", [True, False])
+def test_counts_at_a_few_pixels_are_kept_where_all_others_never_fire(published):
+    """Next to pixels without events, every other pixel would look hot."""
+    images = [drive[:, ::8, ::8].repeat(8, axis=1).repeat(8, axis=2) for drive in drives()]
+    few = np.zeros(images[0].shape[1:], dtype=np.bool_)
+    few[::8, ::8] = True
+    counted = [ShiftedWindows(np.where(few, drive, 0), TAU) for drive in images]
+    for drive in counted if published else ():
+        drive.counted = few
+    pair = Pair("drives", *counted, SETTINGS, TRUTHS).counted()
+    for drive, image in zip((pair.reference, pair.query), images, strict=True):
+        np.testing.assert_array_equal(drive.images, np.where(few, image, 0))
+    assert pair.laid_out is not published
+
+
 def test_a_system_that_does_not_fit_a_sensor_is_left_out():
     """The released code draws 100 pixels, each 7 pixels apart."""
     images = [ShiftedWindows(drive[:, :32, :32], TAU) for drive in drives()]

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from edge_vpr.descriptors.cleaning import find_hot_pixels
+from edge_vpr.descriptors.cleaning import can_be_searched, find_hot_pixels
 from edge_vpr.descriptors.counting import (
     DescriptorStream,
     EventSource,
@@ -175,7 +175,7 @@ class Pair:
     def counted(self, **changes: Any) -> CountedPair:
         """Count both drives at every pixel, by number of events if the settings ask for it.
 
-        Hot pixels are left out.
+        Hot pixels are left out, whatever the settings, if they can be searched for.
 
         Parameters
         ----------
@@ -189,10 +189,12 @@ class Pair:
             window = FixedCount(max(1, int(first.images.sum(dtype=np.int64)) // len(first.images)))
             first = count_drive(self.reference, window)
         second = count_drive(self.query, window)
-        hot = find_hot_pixels(first.images.sum(axis=0, dtype=np.int64))
-        for drive in (first, second):
-            drive.images[:, hot] = 0
-        return CountedPair(self.drives, first, second, settings, self.truths)
+        totals = first.images.sum(axis=0, dtype=np.int64)
+        if self.has_images and can_be_searched(totals):
+            hot = find_hot_pixels(totals)
+            for drive in (first, second):
+                drive.images[:, hot] = 0
+        return CountedPair(self.drives, first, second, settings, self.truths, self.has_images)
 
 
 # A map, and counts of the query at its pixels: what all ways to match start from.
