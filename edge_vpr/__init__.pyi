@@ -1,6 +1,7 @@
 from .descriptors.cleaning import BurstFilter as BurstFilter
 from .descriptors.cleaning import find_hot_pixels as find_hot_pixels
 from .descriptors.cleaning import load_hot_pixels as load_hot_pixels
+from .descriptors.counting import AnyRecording as AnyRecording
 from .descriptors.counting import CountPixels as CountPixels
 from .descriptors.counting import DescriptorStream as DescriptorStream
 from .descriptors.counting import count_events as count_events
@@ -23,12 +24,14 @@ from .evaluation.ground_truth import load_matrix as load_matrix
 from .evaluation.metrics import Evaluation as Evaluation
 from .evaluation.metrics import evaluate as evaluate
 from .evaluation.tables import load_odometry as load_odometry
+from .evaluation.track_files import AnyTrack as AnyTrack
 from .evaluation.track_files import load_track as load_track
 from .evaluation.tracks import Track as Track
 from .events import EVENT_DTYPE as EVENT_DTYPE
 from .events import Sensor as Sensor
 from .events import crop as crop
 from .events import make_events as make_events
+from .live.match import LiveMatch as LiveMatch
 from .live.session import LiveSession as LiveSession
 from .map_record import describe as describe
 from .matching.distances import ReferenceIndex as ReferenceIndex

@@ -264,7 +264,8 @@ def test_keywords_for_type_checkers_are_the_settings_with_their_types():
 _TYPED = """
 from typing import Unpack
 
-from edge_vpr import LiveSession, PartName, ReferenceMap, SettingChanges, open_recording
+from edge_vpr import AnyRecording, AnyTrack, LiveMatch, LiveSession
+from edge_vpr import PartName, ReferenceMap, SettingChanges, open_recording
 
 drive = open_recording("monday.raw", sensor=(346, 260))
 route = ReferenceMap.build(drive, "paper", pixels=50, tau="500ms", hot_pixels="keep", clip=None)
@@ -275,6 +276,12 @@ LiveSession("/dev/ttyUSB0", protocol=PartName("edvs:format=E3"), reference=route
 
 def mine(**changes: Unpack[SettingChanges]) -> ReferenceMap:
     return ReferenceMap.build(drive, "tiny", **changes)
+
+def mapped(recording: AnyRecording, track: AnyTrack) -> ReferenceMap:
+    return ReferenceMap.build(recording, track=track)
+
+def shown(match: LiveMatch) -> int:
+    return match.place
 
 mine(pixels=50, places_per_window="auto", strategy=PartName("plugin:grid"))
 """
