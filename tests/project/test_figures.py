@@ -302,9 +302,10 @@ SENTENCES: list[tuple[str, str, Callable[[], object]]] = [
     ("README", "Each second of the route takes {} bytes packed", lambda: 2 * int(place_bytes())),
     ("README", "at 49 pixels, {:.2f} of all live matches are correct, and {:.2f} are accepted at",
      lambda: (*correct("Brisbane, 49 px", ROBOT), *trust("accepted at 0.99", "Brisbane*"))),
-    ("README", "of the route takes {:.0f} bytes, and a match {:.0f} ms of a Cortex-M4 at 100 MHz "
-     "and {:.0f} KiB of its RAM",
-     lambda: (2 * int(place_bytes()), modelled("time (ms)")[1], modelled("of it RAM (KiB)")[0])),
+    ("README", "a second of the route takes {} bytes packed", lambda: 2 * int(place_bytes())),
+    ("README", "a route of 500 s takes {:.0f} KiB, of which {:.0f} KiB are RAM, and a match {:.0f} ms",
+     lambda: (modelled("memory (KiB)")[0], modelled("of it RAM (KiB)")[0],
+              modelled("time (ms)")[1])),
     ("README", "with our place filter, it reaches {:.2f} live",
      lambda: on_brisbane("seed-code*", LIVE, "49 pixels")),
     ("README", "reaches {:.2f} when it matches sequences of 5 windows, and {:.2f} of 20;",

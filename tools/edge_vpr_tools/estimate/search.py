@@ -116,7 +116,7 @@ def _broken_by(design: Design, of: Cost, used: int, limits: Limits) -> str:
             # a board that takes more at rest exceeds the budget whatever its work takes
             at_rest = of.whole_w is None and of.idle_w is not None and of.idle_w.low > budget.limit
             if at_rest:
-                return f"{budget.text} at rest alone"
+                return f"more than {budget.text} at rest"
             watts = of.whole_w or of.marginal_w
             if watts is None:
                 return POWER

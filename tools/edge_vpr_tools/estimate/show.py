@@ -159,7 +159,8 @@ def show_recommended(
             continue
         size, device = one.best
         rows.append(
-            [target.name, str(size.pixels), str(size.code_bits), str(size.places_per_window),
+            [target.name, str(size.pixels), str(size.code_bits),
+             f"{device.design.places:,}, {size.places_per_window}",
              size_text(device.memory_bytes), _energy(device.cost), f"{size.accuracy:.3f}"]
         )  # fmt: skip
         if one.most_correct is not None and one.most_correct != one.best:
@@ -173,7 +174,7 @@ def show_recommended(
     if len(none) == len(found):
         _say(not_fitting)
         return
-    header = ["target", "pixels", "bits", "places\nper window", "memory", "energy", "correct"]
+    header = ["target", "pixels", "bits", "places,\nper window", "memory", "energy", "correct"]
     table(header, rows, width=WIDTH)
     text = (
         f"The smallest of {len(tried_designs())} designs within "
