@@ -303,7 +303,8 @@ SENTENCES: list[tuple[str, str, Callable[[], object]]] = [
     ("README", "at 49 pixels, {:.2f} of all live matches are correct, and {:.2f} are accepted at",
      lambda: (*correct("Brisbane, 49 px", ROBOT), *trust("accepted at 0.99", "Brisbane*"))),
     ("README", "a second of the route takes {} bytes packed", lambda: 2 * int(place_bytes())),
-    ("README", "a route of 500 s takes {:.0f} KiB, of which {:.0f} KiB are RAM, and a match {:.0f} ms",
+    ("README", "a route of 500 s takes {:.0f} KiB, of which {:.0f} KiB are RAM, and a match "
+     "{:.0f} ms",
      lambda: (modelled("memory (KiB)")[0], modelled("of it RAM (KiB)")[0],
               modelled("time (ms)")[1])),
     ("README", "with our place filter, it reaches {:.2f} live",
