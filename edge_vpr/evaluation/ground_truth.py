@@ -430,7 +430,7 @@ def _form(track: Track) -> str:
 
 
 class Alignment(NamedTuple):
-    """Pairs of moments at which two recordings show the same place.
+    """Pairs of moments, in the query and in the reference, at which both show the same place.
 
     >>> Alignment([[0, 0], [60, 55.5]], "s").unit
     's'

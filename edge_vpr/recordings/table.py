@@ -236,6 +236,7 @@ def usual_unit(times: npt.NDArray[Any]) -> str:
     """
     if times.dtype.kind != "f":
         return "us"
+    times = times[np.isfinite(times)]
     whole = times.dtype.itemsize > 4 and bool((times == np.floor(times)).all())
     return "us" if whole and times.size and np.ptp(times) >= 100 else "s"
 

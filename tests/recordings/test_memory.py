@@ -112,6 +112,13 @@ def test_whole_floats_are_microseconds_and_fractions_seconds(events, end, tmp_pa
             np.testing.assert_array_equal(read["t"], events["t"] - events["t"][0])
 
 
+def test_a_time_that_is_missing_makes_no_seconds_of_microseconds(events):
+    table = np.column_stack(four(events)).astype(float)
+    table[7, 0] = np.nan
+    read = np.concatenate(list(open_recording(table, sensor="32x32", on_fault="drop")))
+    np.testing.assert_array_equal(read["t"], np.delete(events["t"], 7) - events["t"][0])
+
+
 def test_events_that_are_not_sorted_are_to_be_sorted(events):
     mixed = np.random.default_rng(0).permutation(events)
     with pytest.raises(RecordingError, match=r"runs backwards.*: sort the events by t, or"):
