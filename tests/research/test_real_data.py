@@ -49,8 +49,7 @@ def figures_of_the_oracle(distances, truth, length, offset):
     """P@100R, R@99P and Recall@N by the oracle, from its distances and the ground truth."""
     sums = naive.sequence_sums(distances, length)
     best = [naive.best_and_second(list(column), 3)[0] for column in zip(*sums, strict=True)]
-    known = [j for j in range(len(best)) if truth.known[j + offset]]
-    columns = [j for j in known if truth.placed[best[j] + offset]]
+    columns = [j for j in range(len(best)) if truth.judged(best[j] + offset, j + offset)]
     best = [best[j] for j in columns]
     right = [
         bool(truth.correct[k + offset, j + offset]) for k, j in zip(best, columns, strict=True)
@@ -61,10 +60,10 @@ def figures_of_the_oracle(distances, truth, length, offset):
     strict = [tp / (tp + fn) for tp, fp, fn in points if tp and 100 * tp >= 99 * (tp + fp)]
 
     def decided(j):
-        """Whether one of the 25 nearest is correct, or all have positions."""
+        """Whether one of the 25 nearest is correct, or all can be judged."""
         nearest = sorted(range(len(sums)), key=lambda k: sums[k][j])[:25]
         hit = any(truth.correct[k + offset, j + offset] for k in nearest)
-        return hit or all(truth.placed[k + offset] for k in nearest)
+        return hit or all(truth.judged(k + offset, j + offset) for k in nearest)
 
     placed = [j for j in columns if truth.correct[:, j + offset].any() and decided(j)]
     hits = naive.recall_at(

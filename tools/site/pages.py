@@ -101,7 +101,6 @@ STAGES = {
         "Links to cameras and bridges, and the [protocols](../serial.md) that they speak.",
         packages=("edge_vpr.live.protocols",),
         names=(
-            "edge_vpr.live.match.LiveMatch",
             "edge_vpr.live.session.Message",
             "edge_vpr.live.links.open_link",
             "edge_vpr.live.reader.LinkReader",
