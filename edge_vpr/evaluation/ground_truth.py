@@ -188,9 +188,9 @@ class GroundTruth(EqualByValue):
         judged = np.asarray(self.known[query] & self.placed[place])
         known = self.positions
         if known is not None and known.whereabouts is not None:
-            open_ = self.known[query] & ~judged
-            judged[open_] = ~known.whereabouts.may_be_within(
-                place[open_], known.query[query[open_]], known.tolerance
+            unplaced = self.known[query] & ~judged
+            judged[unplaced] = ~known.whereabouts.may_be_within(
+                place[unplaced], known.query[query[unplaced]], known.tolerance
             )
         return judged
 
@@ -362,7 +362,7 @@ def from_tracks(
     whereabouts = None
     if not placed.all():
         whereabouts = doubts.Whereabouts.of(reference, reference_us)
-        for place in np.flatnonzero(~placed):
+        for place in np.flatnonzero(~placed) if alone.size else ():
             known[alone] &= ~whereabouts.may_be_within(place, queries[alone], tolerance_m)
     step = distances(reference.kind, places[1:], places[:-1])
     notes += doubts.spacing_note(step, tolerance_m, "m")
