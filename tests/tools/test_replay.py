@@ -12,7 +12,8 @@ import numpy as np
 import pytest
 from edge_vpr_tools.cli import main
 from edge_vpr_tools.commands.replay import RecordedInputs
-from edge_vpr_tools.report.replay import replay_of
+from edge_vpr_tools.report.replay import _Film, replay_of
+from edge_vpr_tools.report.style import panels
 from edge_vpr_tools.truth_files import evaluated_truth
 from PIL import Image
 from streams import random_events
@@ -119,7 +120,7 @@ def test_a_film_of_an_evaluated_drive_shows_the_truth(there, tmp_path, name, cap
     place = film.reference.route.position[film.outcome.matches.place]
     correct = np.hypot(*(place - expected).T) <= 5
     assert 0 < correct.sum() < correct.size
-    assert np.allclose(film.true, expected, atol=1e-6)
+    assert np.allclose(film.true.query, expected, atol=1e-6)
     for text, right in zip(film.captions(), correct, strict=True):
         assert text.endswith(", correct" if right else ", wrong")
     truth.write_text(truth.read_text() + "4,70,-40\n")
@@ -127,6 +128,27 @@ def test_a_film_of_an_evaluated_drive_shows_the_truth(there, tmp_path, name, cap
         evaluated_truth(copy)
     assert main(["replay", str(copy), "-o", str(tmp_path / "match.gif")]) == 0
     assert "the film is without the truth" in capsys.readouterr().err
+
+
+def test_a_film_of_a_map_without_positions_shows_the_truth_of_an_alignment(there, tmp_path):
+    folder, pairs = tmp_path / "results", tmp_path / "pairs.csv"
+    words = ["--tau", "100ms", "--pixels", "20", "--sigma", "1"]
+    assert main(["map", "drive.npz", "-o", str(tmp_path / "map.npz"), *words]) == 0
+    assert main(["match", str(tmp_path / "map.npz"), "query.npz", "-o", str(folder)]) == 0
+    pairs.write_text("query_s,reference_s\n0,0\n2,1\n")
+    words = ["evaluate", str(folder), "--ground-truth", str(pairs), "--tolerance", "0.3"]
+    assert main(words) == 0
+    film = replay_of(MatchResult.load(folder), None, None, 1_000, truth=evaluated_truth(folder))
+    with panels(2, 3, 7.2, 4.5) as (drawing, axes):
+        shown = _Film(film, drawing, axes)
+    time_s, at_s = shown._true.T
+    known = time_s <= 2
+    assert np.allclose(at_s[known], time_s[known] / 2, atol=0.05)  # of the nearest place
+    assert known.any() and np.isnan(at_s[~known]).all() and (~known).any()
+    for i in (int(np.argmax(film.outcome.wrong)), int(np.argmax(film.outcome.correct))):
+        shown.frame(i)
+        marked = [len(mark.get_offsets()) for mark in (shown._now, shown._wrong)]
+        assert marked == [film.outcome.correct[i], film.outcome.wrong[i]]
 
 
 def test_a_part_and_fewer_frames_can_be_asked_for(there, tmp_path):
@@ -208,5 +230,5 @@ def test_a_film_of_the_demo_shows_the_truth(tmp_path, monkeypatch):
     folder = Path("demo")
     result = MatchResult.load(folder)
     film = replay_of(result, None, None, 10, truth=evaluated_truth(folder))
-    assert np.isfinite(film.true).all()
+    assert np.isfinite(film.true.query).all()
     assert (film.outcome.correct | film.outcome.wrong).all()

@@ -19,6 +19,7 @@ from PIL import Image
 from edge_vpr.descriptors.counting import EventSource, WindowSource
 from edge_vpr.descriptors.windows import Descriptors
 from edge_vpr.errors import UsageError
+from edge_vpr.evaluation.ground_truth import TruePositions
 from edge_vpr.evaluation.tracks import local_metres
 from edge_vpr.files import replacing
 from edge_vpr.map_record import describe_query
@@ -28,7 +29,7 @@ from edge_vpr.matching.sequences import middle_window
 from edge_vpr.reference_map import MatchResult, ReferenceMap
 from edge_vpr.route import Odometry, Route
 from edge_vpr_tools.report.figures import Window, dot_sizes, draw_window, total_counts
-from edge_vpr_tools.report.style import BLUE, GREY, ORANGE, RED, along_route, panels
+from edge_vpr_tools.report.style import BLACK, BLUE, GREY, ORANGE, along_route, panels
 from edge_vpr_tools.report.verdict import Outcome, outcome_of
 from edge_vpr_tools.truth_files import TruthFiles, truth_of
 
@@ -53,9 +54,8 @@ class Replay:
     cost: Floats
     #: Shape (n, height, width): events of each window at every pixel.
     images: npt.NDArray[np.integer] | None = None
-    #: Shape (n, d): where the camera truly was in each frame, as the places are given; None before
-    #: an evaluation by positions, NaN where it is not known.
-    true: Floats | None = None
+    #: Where the camera was in each frame, as `query`; None where that is not known.
+    true: TruePositions | None = None
 
     def __len__(self) -> int:
         return len(self.queries)
@@ -104,7 +104,7 @@ def _palette_of(picture: Image.Image) -> Image.Image:
     """Return a palette of the most frequent colours, with those of paper and marks as they are."""
     palette = picture.quantize(_COLOURS)
     colours = np.array(palette.getpalette(), dtype=np.int64).reshape(-1, 3)
-    for name in ("#ffffff", BLUE, ORANGE, RED):
+    for name in ("#ffffff", BLUE, ORANGE, BLACK):
         kept = np.array([int(name[i : i + 2], 16) for i in (1, 3, 5)])
         colours[np.abs(colours - kept).max(axis=1) <= _MIXED] = kept
         colours = np.concatenate([colours, kept[None]])
@@ -172,7 +172,6 @@ class _Film:
         """Draw the route from above if it has two dimensions, else the distance over time."""
         route, places = self._replay.reference.route, self._replay.outcome.matches.place
         axes.set_title("position")
-        self._path: Floats
         if route is not None and route.position.shape[1] > 1:
             origin = route.position[np.isfinite(route.position).all(axis=1)][0]
             flat = local_metres(route.kind, route.position, origin)[:, :2]
@@ -183,7 +182,7 @@ class _Film:
                 xlabel="east (m)" if geographic else "x (m)",
                 ylabel="north (m)" if geographic else "y (m)",
             )
-            self._path = flat[places]
+            self._path: Floats = flat[places]
         else:
             self._path = np.column_stack([self._replay.outcome.time_s, self._x[places]])
             axes.set(xlabel="time (s)", ylabel=label, xlim=self._span())
@@ -195,18 +194,20 @@ class _Film:
             axes.set_title("position; circle: the truth")
         self._trail = axes.scatter([], [], s=5, color=BLUE, zorder=2)
         self._now = axes.scatter([], [], s=45, color=ORANGE, zorder=3)
+        self._wrong = axes.scatter([], [], s=70, color=BLACK, marker="X", lw=0, zorder=3)
 
     def _true_path(self, route: Route | None) -> Floats | None:
         """Return where the camera truly was in each frame, in the coordinates of the panel."""
         true = self._replay.true
-        if true is None or route is None:
+        if true is None:
             return None
-        if true.shape[1] > 1:
+        if route is not None and true.query.shape[1] > 1:
             origin = route.position[np.isfinite(route.position).all(axis=1)][0]
-            return local_metres(route.kind, true, origin)[:, :2]
-        apart = np.abs(route.position[None, :, 0] - true)
+            return local_metres(route.kind, true.query, origin)[:, :2]
+        apart = np.abs(true.place[:, 0] - true.query)
         nearest = np.argmin(np.where(np.isnan(apart), np.inf, apart), axis=1)
-        return np.column_stack([self._replay.outcome.time_s, self._x[nearest]])
+        at = np.where(np.isnan(true.query[:, 0]), np.nan, self._x[nearest])
+        return np.column_stack([self._replay.outcome.time_s, at])
 
     def frame(self, i: int) -> Image.Image:
         """Draw the frame of the i-th window."""
@@ -219,10 +220,10 @@ class _Film:
         self._cost.set_ydata(replay.cost[:, i])
         self._cheapest.set_offsets([(self._x[place], replay.cost[place, i])])
         self._trail.set_offsets(self._path[: i + 1])
-        self._now.set_offsets(self._path[i : i + 1])
+        for mark, wrong in ((self._now, False), (self._wrong, True)):
+            mark.set_offsets(self._path[i : i + (bool(outcome.wrong[i]) is wrong)])
         if self._true is not None:
             self._truly.set_offsets(self._true[i : i + 1])
-        self._now.set_facecolor(RED if outcome.wrong[i] else ORANGE)
         probability = outcome.matches.probability[: i + 1]
         self._probability.set_data(outcome.time_s[: i + 1], probability)
         self._probability_now.set_offsets([(outcome.time_s[i], probability[-1])])
@@ -322,12 +323,9 @@ def replay_of(
         some = replace(result, matches=judged)
         found = some.evaluate(truth_of(some, truth))
         positions, route = found.truth.positions, reference.route
-        if (
-            positions is not None
-            and route is not None
-            and positions.are_like(route.kind, route.position)
-        ):
-            true = positions.query[judged.query]
+        panel = ("metric", 1) if route is None else (route.kind, route.position.shape[1])
+        if positions is not None and (positions.kind, positions.query.shape[1]) == panel:
+            true = replace(positions, query=positions.query[judged.query])
     return Replay(
         reference, outcome_of(reference, shown_matches, found), queries.take(window),
         cost[:, window], images, true,
