@@ -212,10 +212,14 @@ def test_the_firmware_is_built_of_the_map_that_is_named_also_of_an_older_one(exp
         (command,) = with_gcc(named, tmp_path / "build")
         return subprocess.run([*command, "run"], capture_output=True, text=True, check=False)
 
-    said = f"{matches} matches, the last one at place {place}\n"
+    other = tmp_path / "other.h"  # the last record, of a match, has another place
+    before, last = header.read_text().rsplit(f"0x{place:08X}U", 1)
+    other.write_text(f"{before}0x{place + 1:08X}U{last}")
+    said = f"{matches} matches, the last one at place {place}"
     for named, refused, says in (
-        (header, False, said), (damaged, True, "holds no map"), (header, False, said),
-        (tmp_path / "none.h", True, "none.h is no file"),
+        (header, False, f"{said}, as in the vectors"), (damaged, True, "holds no map"),
+        (header, False, said), (tmp_path / "none.h", True, "none.h is no file"),
+        (other, True, f"{said}; the vectors have {matches} matches, the last one at"),
     ):  # fmt: skip
         done = run(named)
         assert (done.returncode != 0) == refused
