@@ -7,7 +7,12 @@ from firmware_model.vectors.coverage import CORNERS, FILTER_CORNERS, coverage
 from firmware_model.vectors.filter_corners import filter_cases
 from firmware_model.vectors.manifest import Manifest, check_files, load_manifest
 from firmware_model.vectors.random_cases import random_cases
-from firmware_model.vectors.suite import smallest_cases, standard_suites, write_suites
+from firmware_model.vectors.suite import (
+    estimated_bytes,
+    smallest_cases,
+    standard_suites,
+    write_suites,
+)
 from firmware_model.vectors.verify import Verdict, read_results, verify
 
 __all__ = [
@@ -20,6 +25,7 @@ __all__ = [
     "check_files",
     "corner_cases",
     "coverage",
+    "estimated_bytes",
     "filter_cases",
     "from_binary",
     "in_order",

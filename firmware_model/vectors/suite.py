@@ -246,8 +246,8 @@ def smallest_cases(suites: Suites, most_bytes: float) -> dict[str, list[Case]]:
     every = [case for cases in suites.values() for case in cases]
     kept: set[int] = set()
     size = 0.0
-    for case in sorted(every, key=_estimated_bytes):
-        size += _estimated_bytes(case)
+    for case in sorted(every, key=estimated_bytes):
+        size += estimated_bytes(case)
         if size > most_bytes:
             break
         kept.add(id(case))
@@ -255,7 +255,7 @@ def smallest_cases(suites: Suites, most_bytes: float) -> dict[str, list[Case]]:
     return {name: cases for name, cases in chosen.items() if cases}
 
 
-def _estimated_bytes(case: Case) -> int:
+def estimated_bytes(case: Case) -> int:
     """Estimate the size of the files of a case."""
     design = case.design
     return 40_000 + 225 * len(case.events) + 18 * design.places * design.slots

@@ -7,6 +7,7 @@ import hashlib
 import json
 import math
 import os
+import re
 import shutil
 import subprocess
 import sys
@@ -632,16 +633,23 @@ def test_vectors_have_a_size_of_choice(tmp_path, capsys):
     golden = ["golden", "--design", str(tmp_path / "design.toml"), "--suite", "corners"]
     assert main([*golden, "-o", str(tmp_path / "v"), "--vectors", "1MB"]) == 0
     out, err = capsys.readouterr()
-    assert "leaves out the" in err and "v/corners: " in out
+    assert "v/corners: " in out
+    left_out, whole = re.search(
+        r"leaves out .*: (\d+) of corners; --vectors (\w+) keeps", err
+    ).groups()
     assert "no case that is left reaches these corners: " in err
     size = sum(p.stat().st_size for p in (tmp_path / "v").rglob("*") if p.is_file())
     assert 0.4e6 < size < 1.3e6
     assert "golden verify" in (tmp_path / "v" / "README.md").read_text()
     assert main(["golden", "verify", str(tmp_path / "v")]) == 0
     assert main([*golden, "-o", str(tmp_path / "v"), "--overwrite", "--vectors", "500kB"]) == 0
+    assert main([*golden, "-o", str(tmp_path / "v"), "--overwrite", "--vectors", whole]) == 0
+    every = standard_suites(DESIGN, 0, "corners")["corners"]
+    assert f"v/corners: {len(every)} cases" in capsys.readouterr().out
+    assert f"v/corners: {len(every) - int(left_out)} cases" in out
     # every case is announced, for the progress
     told = []
-    cases = {"corners": standard_suites(DESIGN, 0, "corners")["corners"][:3]}
+    cases = {"corners": every[:3]}
     write_suites(tmp_path / "w", DESIGN, cases, 0, on_case=told.append)
     assert [text.split(":")[0] for text in told] == [f"case {n} of 3" for n in (1, 2, 3)]
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import math
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -77,7 +78,7 @@ def run(args: argparse.Namespace) -> None:
         vectors_size,
     )
     from firmware_model import Design
-    from firmware_model.vectors import smallest_cases, write_suites
+    from firmware_model.vectors import estimated_bytes, smallest_cases, write_suites
 
     if (args.design is None) == (args.map is None):
         raise UsageError("golden needs either --design or --map: give one of them")
@@ -109,9 +110,20 @@ def run(args: argparse.Namespace) -> None:
         if "recording" in suites:
             chosen["recording"] = suites["recording"]
         manifest = write_suites(folder, design, chosen, args.seed, rtl=args.rtl, on_case=show_case)
-    left_out = sum(map(len, suites.values())) - sum(map(len, chosen.values()))
+    left_out = {
+        name: number for name, cases in made.items()
+        if (number := len(cases) - len(chosen.get(name, [])))
+    }  # fmt: skip
     if left_out:
-        note(f"--vectors {args.vectors} leaves out the {left_out} cases with most events")
+        each = ", ".join(
+            f"{number} of {name}" + " (all)" * (name not in chosen)
+            for name, number in left_out.items()
+        )
+        size = sum(estimated_bytes(case) for cases in made.values() for case in cases)
+        note(
+            f"--vectors {args.vectors} leaves out the cases with most events: {each}; "
+            f"--vectors {math.ceil(size / 1e6)}MB keeps all"
+        )
     windows = next(
         (suite.cases[0].windows for suite in manifest.suites if suite.name == "recording"), None
     )
@@ -124,7 +136,7 @@ def run(args: argparse.Namespace) -> None:
         missed = [corner for corner, number in aimed_corners(suite).items() if number == 0]
         if missed:
             cases = "case that is left" if left_out else "case of this design"
-            note(f"no {cases} reaches these corners: {', '.join(missed)}")
+            note(f"{suite.name}: no {cases} reaches these corners: {', '.join(missed)}")
     for suite in manifest.suites:
         events, windows, matches = (
             sum(getattr(case, what) for case in suite.cases)
