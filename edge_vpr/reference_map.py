@@ -480,7 +480,7 @@ class MapInfo:
             "sensor": self.sensor,
             "places": f"{self.places:,}",
             "pixels": f"{self.pixels:,}, {self.counter_bits} bits each",
-            "size": f"{self.packed_bytes_per_place:,} bytes a place, packed",
+            "size": f"{self.packed_bytes_per_place:,} bytes per place packed",
             "duration": f"{self.duration_us / 1e6:.6f} s, windows of {self.window_us / 1e6:g} s",
             "positions": positions,
             "matching": str(self.settings["matching"]),

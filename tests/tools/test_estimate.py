@@ -416,6 +416,7 @@ def test_the_rovers_question_is_one_command(tmp_path, capsys):
     for name in ("cortex-m0plus", "ecp5-25f", "pi-4", "pi-5"):
         assert rows[name][0] == "none" and f"{name} (power unknown)" in text
     assert rows["pi-zero-2w"][0] == "none"
+    assert "Power at rest is unknown, and not held against 5mW: cortex-m4, cortex-m7." in text
     assert "No design fits: cortex-m0plus" in text and "pi-zero-2w (more than 5mW at rest)." in text
     assert f"The smallest of {len(search.tried_designs())} designs within 64KiB and 5mW" in text
     assert main([*rover, "--json"]) == 0

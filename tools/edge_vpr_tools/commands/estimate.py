@@ -171,7 +171,7 @@ def run(args: argparse.Namespace) -> None:
             of: {rate: cost(design, of, mission.at_rate(rate, design)) for rate in EVENT_RATES}
             for of in targets
         }
-        show.show_design(found, at_rates, rate_is, limited=bool(budgets))
+        show.show_design(found, at_rates, rate_is, budgets)
         costs = {of: one.cost for of, one in found.items()}
         values |= {
             "design": design,

@@ -59,8 +59,7 @@ def show_design(
     found: Mapping[Target, DesignOnTarget],
     at_rates: Mapping[Target, Mapping[float, Cost]],
     rate_is: str,
-    *,
-    limited: bool = False,
+    budgets: Sequence[Budget] = (),
 ) -> None:
     """Print what a match of a design takes on each target, against the rate of events.
 
@@ -70,8 +69,8 @@ def show_design(
         Costs on each target by the events per second.
     rate_is : str
         Whose rate the columns of time and energy are for.
-    limited : bool
-        Whether limits were given.
+    budgets : sequence of Budget
+        Limits that were given.
     """
     rates = list(next(iter(at_rates.values())))
     rows = [
@@ -95,8 +94,8 @@ def show_design(
     )
     if over:
         text += f" Over its limits: {', '.join(over)}."
-    elif limited:
-        text += " Within the limits."
+    elif budgets:
+        text += f" Within the limits.{_not_at_rest(found, budgets)}"
     if len(found) == 1:
         text += _of_one(next(iter(found)), of)
     say(text, width=WIDTH)
@@ -110,6 +109,15 @@ def _within(found: Iterable[DesignOnTarget]) -> str:
     low = min(value.low / value.central for value in known)
     high = max(value.high / value.central for value in known)
     return f"; energies may be {low:.2g} to {high:.2g} times these (--sources)"
+
+
+def _not_at_rest(found: Mapping[Target, DesignOnTarget], budgets: Sequence[Budget]) -> str:
+    """Return which devices keep a limit of power by their work alone."""
+    power = [budget.text for budget in budgets if budget.quantity == "watts"]
+    names = [target.name for target, of in found.items() if of.cost.idle_w is None]
+    if not power or not names:
+        return ""
+    return f" Power at rest is unknown, and not held against {power[0]}: {', '.join(names)}."
 
 
 def _of_one(target: Target, of: DesignOnTarget) -> str:
@@ -135,8 +143,8 @@ def design_text(of: Design) -> str:
         by = "place filter" + ", places at half windows" * (of.places_per_window == 2)
     return (
         f"{of.pixels:,} of {of.width} x {of.height} pixels, {of.code_bits} "
-        f"bit{'s' * (of.code_bits > 1)} ({of.code}), {sizes(of).place_bytes} bytes per place, "
-        f"{of.places:,} places, {by}"
+        f"bit{'s' * (of.code_bits > 1)} ({of.code}), {sizes(of).place_bytes} bytes per place "
+        f"packed, {of.places:,} places, {by}"
     )
 
 
@@ -187,6 +195,7 @@ def show_recommended(
         text += f" Most correct of those that fit: {'; '.join(larger)}."
     if limits:
         text += f" A better one exceeds: {', '.join(limits)}."
+    text += _not_at_rest({of: one.best.device for of, one in found.items() if one.best}, budgets)
     _say(f"{text} {not_fitting}")
 
 
