@@ -357,7 +357,7 @@ class MapRecord(EqualByValue):
     @property
     def bytes_text(self) -> str:
         """Size of a place for messages, packed as in the FPGA core."""
-        return f"{self.packed_bytes_per_place} bytes per place"
+        return f"{self.packed_bytes_per_place} bytes per place packed"
 
     @property
     def packed_bytes_per_place(self) -> int:
@@ -668,7 +668,9 @@ def _given_pixels(
     fires = totals > 0
     few = int(np.count_nonzero(fires))
     busy = int(totals.sum()) >= few * first.windows
-    if not 0 < few <= pixels or can_be_searched(totals) or not busy or (hot & fires).any():
+    # of a sensor that has no more pixels than are asked for, all are to be taken
+    selected = totals.size <= pixels or not can_be_searched(totals)
+    if not 0 < few <= pixels or not selected or not busy or (hot & fires).any():
         return None
     y, x = np.nonzero(fires)
     height, width = totals.shape

@@ -191,6 +191,11 @@ def test_fewer_pixels_than_were_asked_for_are_named(tmp_path):
     with pytest.warns(ev.EdgeVprWarning, match="pixels=150, and .* events at 9 pixels alone"):
         assert ev.ReferenceMap.build(drive, pixels=150).settings.pixels == 9
     assert ev.ReferenceMap.build(drive).settings.pixels == 9
+    # as of a sensor that has no others
+    np.savez(tmp_path / "grid.npz", frames=counts.reshape(40, 3, 3))
+    grid = ev.PublishedWindows(tmp_path / "grid.npz", frame_period=1)
+    with pytest.warns(ev.EdgeVprWarning, match="pixels=150, and .* events at 9 pixels alone"):
+        assert ev.ReferenceMap.build(grid, pixels=150).settings.pixels == 9
 
 
 def test_settings_that_leave_the_places_open_take_those_of_the_map(folder, route):
@@ -323,7 +328,7 @@ def test_map_prints_the_packed_size_and_records_every_input(folder, tmp_path, ca
     # 5 codes of 3 bits, and the activity
     assert made.packed_bytes_per_place == 2 + 1 and made.bytes_per_place == 5
     assert made.packed_bytes_per_window == 6
-    size = "3 bytes per place"
+    size = "3 bytes per place packed"
     assert f"{len(made)} places (at half windows) at 5 pixels of 16x12, {size}" in said
     # half windows overlap: their events are not counted twice, and the last one is not counted
     counted = made.places.events[::2].sum()
