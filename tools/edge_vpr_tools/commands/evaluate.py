@@ -163,8 +163,8 @@ def run(args: argparse.Namespace) -> None:
     )
     _print_trust(matches, found)
     summary(
-        f"recall counts a query as missed if {MISSED[args.recall_denominator]}; "
-        f"see {folder / results.REPORT}"
+        'R@99P takes its threshold from this truth, "accepted" does not; recall counts a query as '
+        f"missed if {MISSED[args.recall_denominator]}; see {folder / results.REPORT}"
     )
 
 

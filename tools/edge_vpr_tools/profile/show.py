@@ -82,11 +82,9 @@ def notes(found: Profile) -> list[str]:
             f"VOID: the board was throttled ({found.conditions.void_because}). Cool it, or give "
             "it a stronger supply, and run again."
         )
-    speed = found.throughput
     notes += [
         f"Load: {found.recording}, in packets of {PACKET:,} events, a match each window. Time and "
-        "energy of a match include the counting of its "
-        f"{speed.events_per_s / speed.matches_per_s:,.0f} events.",
+        "energy of a match include the counting of its events.",
         _machine(found),
     ]
     moments: dict[str, list[str]] = {}
@@ -97,10 +95,10 @@ def notes(found: Profile) -> list[str]:
 
 
 def _energy_notes(energy: Energy) -> list[str]:
+    if energy.sensor is None and energy.windows:
+        return ["Turns were taken: `edge-vpr profile trace` adds a meter's CSV."]
     notes = [f"Energy is not measured. {reason}." for reason in energy.not_measured_because]
     if energy.sensor is None:
-        if energy.windows:
-            notes.insert(0, "Turns were taken: `edge-vpr profile trace` adds a meter's CSV.")
         return notes
     notes.append(_sensor(energy.sensor))
     if busy := varying_load(energy.windows):

@@ -223,7 +223,8 @@ def _figures_of(found: Evaluation) -> list[tuple[str, str, str]]:
         ("P@100R", f"{found.precision_at_100_recall:.3f}",
          "share of correct matches when every query is matched"),
         ("R@99P", f"{found.recall_at_99_precision:.3f}",
-         f"largest recall at 99 % precision; missed queries: {MISSED[found.recall_denominator]}"),
+         "largest recall at 99 % precision, with a threshold chosen by this truth; missed queries: "
+         f"{MISSED[found.recall_denominator]}"),
         ("average precision", f"{found.average_precision:.3f}",
          "area under the precision-recall curve, as a sum of steps"),
         *((f"Recall@{n}", f"{recall:.3f}", f"a correct place is among the {n} nearest")
@@ -231,7 +232,7 @@ def _figures_of(found: Evaluation) -> list[tuple[str, str, str]]:
         *_trust_figures(found),
         ("queries", f"{found.queries}", "number of queries evaluated"),
         ("unknown", f"{found.queries_unknown}",
-         "matches left out, since their window or place has no known position"),
+         "matches left out: the window has no position, or the place has none and may be near"),
         ("without a place", f"{found.queries_without_place}",
          "queries evaluated, although no place in the map is correct"),
         ("tied", f"{found.queries_tied}",
