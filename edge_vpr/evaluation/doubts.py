@@ -33,6 +33,8 @@ LEAST_COMMON = 0.8
 #: Least difference, chosen by judgement, for the notes that swapped logs would fit better, and that
 #: two drives with the same log differ in length.
 SWAPPED_BY = 0.05
+#: Tracks of odometry begin this near to 0; in frames of their own, two of them part.
+_ORIGIN_M, _OWN_FRAMES_SHARE = 1.0, 0.5
 #: Reasons for which a log is doubtful even if few of its entries are left out.
 _SERIOUS = ("0 N 0 E", "a frozen position", "a position that cannot be reached")
 
@@ -151,6 +153,39 @@ def spacing_note(step: Floats, tolerance: float, unit: str) -> tuple[str, ...]:
         f"{usual:.3g} in the median: a match that is one place off counts as wrong; give a larger "
         "tolerance",
     )
+
+
+def two_frames_note(reference: Track, query: Track, shared: Overlap) -> tuple[str, ...]:
+    """Return a note if two tracks seem to be odometry, whose origin is where each drive began."""
+    begin_at_0 = all(np.linalg.norm(track.position[0]) < _ORIGIN_M for track in (reference, query))
+    flat = reference.kind == "geographic" or reference.position.shape[1] == 1
+    if flat or not begin_at_0 or shared.share >= _OWN_FRAMES_SHARE:
+        return ()
+    return (
+        f"both tracks begin at 0, and only {100 * shared.share:.0f} % of the query's runs along "
+        "the reference's: odometry has another origin and heading in each drive, and cannot be "
+        "compared; give positions in one frame, such as GPS, or poses in one map",
+    )
+
+
+def beyond_drive_notes(pairs: Floats, queries: Floats, places: Floats) -> tuple[str, ...]:
+    """Return notes on an alignment of which many moments lie beyond the end of a drive.
+
+    Parameters
+    ----------
+    pairs : ndarray of float64, shape (n, 2)
+        Moments in the query and in the reference.
+    queries, places : ndarray of float64
+        Those of the windows.
+    """
+    return tuple(
+        f"the alignment's moments in the {name} reach {moments.max():g}, and its windows "
+        f"{windows.max():g}: is the alignment of this drive, and the unit or frame_period= right?"
+        for name, moments, windows in (
+            ("query", pairs[:, 0], queries), ("reference", pairs[:, 1], places)
+        )
+        if LEAST_COMMON * moments.max() > windows.max()
+    )  # fmt: skip
 
 
 def interpolation_error(track: Track) -> float:

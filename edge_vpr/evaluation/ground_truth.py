@@ -367,6 +367,7 @@ def from_tracks(
     step = distances(reference.kind, places[1:], places[:-1])
     notes += doubts.spacing_note(step, tolerance_m, "m")
     shared = doubts.overlap(reference, query, tolerance_m)
+    notes += doubts.two_frames_note(reference, query, shared)
     truth = _described_truth(
         correct,
         known,
@@ -575,7 +576,10 @@ def from_alignment(
         correct,
         known,
         f"alignment of {len(points)} points at {tolerance:g} {unit}",
-        doubts.spacing_note(np.abs(np.diff(places)), tolerance, spelt),
+        (
+            *doubts.spacing_note(np.abs(np.diff(places)), tolerance, spelt),
+            *doubts.beyond_drive_notes(points, queries, places),
+        ),
         positions=TruePositions(
             places[:, None],
             expected[:, None],
@@ -607,6 +611,13 @@ def _check_pairs(pairs: Floats) -> None:
             f"alignment point {i + 1} is at query {pairs[i + 1, 0]:g} after {pairs[i, 0]:g}: "
             "sort the points and keep one a query coordinate"
         )
+    values, number = np.unique(pairs[pairs[:, 1] < 0, 1], return_counts=True)
+    if (number > 1).any():
+        i = int(np.argmax(number))
+        raise GroundTruthError(
+            f"alignment has {number[i]} points at reference {values[i]:g}, before the drive: if "
+            "this marks a query without a place, give a matrix of 0 and 1"
+        )
 
 
 # Ground truth from a matrix of 0 and 1.
@@ -632,20 +643,20 @@ def from_matrix(
         All queries are known; one without any 1 has no place in the map.
     """
     if rows not in ("reference", "query"):
-        raise GroundTruthError(f"rows={rows!r} is unknown: pass rows=reference or rows=query")
+        raise GroundTruthError(f"rows={rows!r} is unknown: pass rows='reference' or rows='query'")
     array = np.asarray(matrix)
     expected = (places, queries) if rows == "reference" else (queries, places)
     if array.shape != expected:
         other = "query" if rows == "reference" else "reference"
         if array.shape == expected[::-1]:
-            remedy = f"pass rows={other}"
+            remedy = f"pass rows={other!r}"
         elif sorted(array.shape) == sorted([(places + 1) // 2, queries]):
-            remedy = "the map has places at half windows; map with places_per_window = 1"
+            remedy = "the map has places at half windows; make the map with places_per_window=1"
         else:
             remedy = "use the windows that it was made for"
         raise GroundTruthError(
             f"ground-truth matrix has shape {array.shape}, expected {expected} for "
-            f"rows={rows}: {remedy}"
+            f"rows={rows!r}: {remedy}"
         )
     wrong = ~np.isin(array, (0, 1))
     if wrong.any():

@@ -95,13 +95,20 @@ def read_cells(path: Path, text: str) -> tuple[tuple[str, ...], list[list[str]]]
     for number, row in enumerate(rows):
         if len(row) != len(names):
             commas = delimiter == "," and len(row) == 2 * len(names)
-            raise GroundTruthError(
-                f"{path}: row {number + 1} is {','.join(row)!r}, not {len(names)} numbers for "
-                f"{','.join(names)}: "
-                + ("write decimals with points, or semicolons between columns" if commas else
-                   "correct it")
-            )  # fmt: skip
+            raise _bad_length(path, names, number, row, commas)
     return names, rows
+
+
+def _bad_length(
+    path: str | Path, header: Sequence[str], number: int, row: Sequence[str], commas: bool = False
+) -> GroundTruthError:
+    remedy = "correct it, or leave it out"
+    if commas:
+        remedy = "write decimals with points, or semicolons between columns"
+    return GroundTruthError(
+        f"{path}: row {number + 1} is {','.join(row)[:80]!r}, not {len(header)} cells for "
+        f"{','.join(header)[:80]}: {remedy}"
+    )
 
 
 #: a table with named columns that a program holds, such as a DataFrame or a dictionary
@@ -170,16 +177,18 @@ def numbers(
     """
     table = np.empty((len(rows), len(columns)))
     for number, row in enumerate(rows):
-        try:
-            cells = dict(zip(range(len(header)), row, strict=True))
-            for at, column in enumerate(columns):
-                known = not (unknown and cells[column].lower() in UNKNOWN)
-                table[number, at] = float(cells[column]) if known else np.nan
-        except ValueError:
-            raise GroundTruthError(
-                f"{path}: row {number + 1} is {','.join(row)!r}, not {len(header)} numbers for "
-                f"{','.join(header)}: correct it"
-            ) from None
+        if len(row) != len(header):
+            raise _bad_length(path, header, number, row)
+        for at, column in enumerate(columns):
+            cell = row[column]
+            known = not (unknown and cell.lower() in UNKNOWN)
+            try:
+                table[number, at] = float(cell) if known else np.nan
+            except ValueError:
+                raise GroundTruthError(
+                    f"{path}: row {number + 1} has {cell[:40]!r} in {header[column]}: expected a "
+                    "number"
+                ) from None
     wrong = np.isinf(table) if unknown else ~np.isfinite(table)
     if wrong.any():
         row_number = int(np.flatnonzero(wrong.any(axis=1))[0]) + 1

@@ -306,16 +306,17 @@ def _named_columns(path: Path, header: tuple[str, ...], rows: list[list[str]]) -
 
 def _poses(path: Path, text: str) -> Fixes:
     """Return times and positions of poses: eight numbers a line (TUM), or twelve (KITTI)."""
-    poses = _number_lines(path, text)
-    if poses.shape[1] == 8:
-        time_us, position = _times_us(path, poses[:, 0], "s"), poses[:, 1:4]
-    elif poses.shape[1] == 12:
-        time_us, position = _kitti_times(path, len(poses)), poses[:, [3, 7, 11]]
-    else:
+    rows = _lines(path, text)
+    if len(rows[0]) not in (8, 12):
         raise GroundTruthError(
-            f"{path} has {poses.shape[1]} numbers in its first line: poses have 8 (TUM: seconds, "
+            f"{path} has {len(rows[0])} cells in its first line: poses have 8 (TUM: seconds, "
             "position, rotation) or 12 (KITTI), and tables a header such as time_s,x_m,y_m"
         )
+    poses = _all_numbers(path, rows)
+    if poses.shape[1] == 8:
+        time_us, position = _times_us(path, poses[:, 0], "s"), poses[:, 1:4]
+    else:
+        time_us, position = _kitti_times(path, len(poses)), poses[:, [3, 7, 11]]
     return Fixes(time_us, position, "metric", None, Counter(), len(poses))
 
 
@@ -328,7 +329,7 @@ def _kitti_times(path: Path, poses: int) -> npt.NDArray[np.int64]:
             f"{path} holds poses of KITTI, which have no times: put the sequence's times.txt "
             f"beside it ({', '.join(str(place) for place in places)} are looked for)"
         )
-    seconds = _number_lines(times, read_text(times))
+    seconds = _all_numbers(times, _lines(times, read_text(times)))
     if seconds.shape != (poses, 1):
         raise GroundTruthError(
             f"{times} has {seconds.size} times, and {path} {poses} poses: give one a pose"
@@ -336,12 +337,16 @@ def _kitti_times(path: Path, poses: int) -> npt.NDArray[np.int64]:
     return _times_us(times, seconds[:, 0], "s")
 
 
-def _number_lines(path: Path, text: str) -> Floats:
-    """Read lines of numbers between blanks, commas or semicolons, all as long as the first."""
+def _lines(path: Path, text: str) -> list[list[str]]:
+    """Return the cells of lines, between blanks, commas or semicolons."""
     lines = [re.split(r"[\s,;]+", line.strip()) for line in text.splitlines()]
     rows = [line for line in lines if line[0] and not line[0].startswith("#")]
     if not rows:
         raise GroundTruthError(f"{path} has no rows: give one pose a line")
+    return rows
+
+
+def _all_numbers(path: Path, rows: list[list[str]]) -> Floats:
     header = tuple(f"number {i + 1}" for i in range(len(rows[0])))
     return numbers(path, header, rows, range(len(header)))
 

@@ -282,8 +282,8 @@ def test_points_set_by_hand_may_lie_far_apart_if_asked_for(tmp_path):
         ("a.csv", "t,x_m\n0,0\n", "expected time_s,x_m"),
         ("a.csv", "time_s,y_m\n0,0\n", "expected time_s,x_m"),
         ("a.csv", "time_s,x_m\n", "no rows"),
-        ("a.csv", "time_s,x_m\n0,zero\n", "row 1 is '0,zero'"),
-        ("a.csv", "time_s,x_m\n0,0\n1\n", "row 2 is '1', not 2 numbers"),
+        ("a.csv", "time_s,x_m\n0,zero\n", "row 1 has 'zero' in x_m"),
+        ("a.csv", "time_s,x_m\n0,0\n1\n", "row 2 is '1', not 2 cells"),
         ("a.csv", "time_s,x_m\n0,inf\n", "row 1 is not finite"),
         ("a.csv", "time_s,x_m\n9,0\n0,0\n", "a.csv: time runs backwards by 9 s at point 2"),
         ("a.xlsx", "", r"give a log of NMEA or GPX, a \.csv table, or poses of TUM or KITTI"),
@@ -470,6 +470,7 @@ def test_the_header_says_which_column_is_the_query_and_the_unit(tmp_path, text, 
         ("query_s,reference_s,note_s\n0,0,0\n1,1,1\n", "expected query_frame,reference_frame"),
         ("query_s,reference_s\n0,0\n", "n at least 2"),
         ("query_s,reference_s\n1,0\n0,1\n", "point 1 is at query 0 after 1"),
+        ("query_s,reference_s\n0,0\n1,-1\n2,-1\n", "2 points at reference -1, before the drive"),
     ],
 )
 def test_an_alignment_that_leaves_a_question_is_refused(tmp_path, text, message):
@@ -501,6 +502,18 @@ def test_the_wrong_unit_shows_in_the_error():
         from_alignment(alignment.pairs, seconds, seconds, 60)
 
 
+def test_an_alignment_in_another_unit_than_its_header_says_is_doubted():
+    alignment, seconds = Alignment([[0, 0], [60_000, 55_000]], "s"), np.arange(0.5, 60) * SECOND
+    assert [
+        note.partition(" reach")[0] for note in from_alignment(alignment, seconds, seconds, 2).notes
+    ] == [
+        "the alignment's moments in the query",
+        "the alignment's moments in the reference",
+    ]
+    in_seconds = Alignment(np.asarray(alignment.pairs) / 1000, "s")
+    assert from_alignment(in_seconds, seconds, seconds, 2).notes == ()
+
+
 def test_speck_walks_has_truth_for_the_queries_that_its_alignment_covers(shared_data):
     alignment = load_alignment(shared_data / "speck_walks/ground_truth.csv")
     frames = np.arange(30 // 2, 3723, 30)  # centres of windows of 30 frames
@@ -529,8 +542,8 @@ def test_a_matrix_that_fits_the_other_way_round_says_so():
     with pytest.raises(GroundTruthError) as error:
         from_matrix(np.eye(724, 641), 641, 724, rows="reference")
     assert str(error.value) == (
-        "ground-truth matrix has shape (724, 641), expected (641, 724) for rows=reference: "
-        "pass rows=query"
+        "ground-truth matrix has shape (724, 641), expected (641, 724) for rows='reference': "
+        "pass rows='query'"
     )
 
 
@@ -541,7 +554,7 @@ def test_a_matrix_that_fits_the_other_way_round_says_so():
         (np.full((2, 3), 0.5), "holds 0.5 at row 0, column 0"),
         (np.full((2, 3), math.nan), "holds nan"),
         (np.ones((2, 4)), r"has shape \(2, 4\), expected \(2, 3\) .* windows that it was made for"),
-        (np.ones((1, 3)), "places at half windows; map with places_per_window = 1"),
+        (np.ones((1, 3)), "places at half windows; make the map with places_per_window=1"),
         (np.ones(6), r"has shape \(6,\)"),
     ],
 )
@@ -553,7 +566,7 @@ def test_a_matrix_that_is_no_truth_is_refused(matrix, message):
 def test_what_the_rows_stand_for_is_never_guessed():
     with pytest.raises(TypeError):
         from_matrix(np.eye(2), 2, 2)
-    with pytest.raises(GroundTruthError, match="pass rows=reference or rows=query"):
+    with pytest.raises(GroundTruthError, match="pass rows='reference' or rows='query'"):
         from_matrix(np.eye(2), 2, 2, rows="auto")
 
 

@@ -138,6 +138,19 @@ def test_one_log_for_two_drives_is_noticed():
     assert from_tracks(log, log, centres(99), centres(99), 20.0).notes == ()
 
 
+def test_odometry_of_two_drives_is_noticed_by_its_two_frames():
+    """Each drive begins at 0 and drives along x of its own frame, here turned by 90 degrees."""
+    along = np.linspace(0.0, 1_000.0, 101)[:, None] * [[1.0, 0.0]]
+    reference, query = Track(np.arange(101) * S, along), Track(np.arange(101) * S, along[:, ::-1])
+    (note,) = from_tracks(reference, query, centres(100), centres(100), 20.0).notes
+    assert note.startswith("both tracks begin at 0, and only 2 % of the query's runs along")
+    elsewhere = Track(
+        query.time_us, query.position + np.array([200.0, -500.0])
+    )  # in the map's frame
+    assert from_tracks(reference, elsewhere, centres(100), centres(100), 20.0).notes == ()
+    assert from_tracks(reference, reference, centres(100), centres(100), 20.0).notes == ()
+
+
 def test_the_log_of_another_drive_is_noticed_by_its_time():
     reference = straight(100, 1_000)
     other = straight(300, 1_000)
@@ -290,8 +303,9 @@ def test_poses_of_kitti_take_their_times_from_the_sequence(times, tmp_path):
         ("a.csv", "time_s,timestamp,x\n0,1,1\n", "2 columns of time .time_s, timestamp.: leave"),
         ("a.csv", "time_s,lat\n0,1\n", "expected time_s,x_m"),
         ("a.csv", "timestamp,x\n1587452582350000000,1\n", "name their unit .* as in time_ns"),
-        ("a.txt", "0 1 2 3\n", "has 4 numbers in its first line: poses have 8"),
-        ("a.txt", "0 1 2 3 4 5 6 7\n0 1\n", "row 2 is '0,1', not 8 numbers"),
+        ("a.txt", "0 1 2 3\n", "has 4 cells in its first line: poses have 8"),
+        ("a.txt", "0 1 2 3 4 5 6 7\n0 1\n", "row 2 is '0,1', not 8 cells"),
+        ("a.csv", "1,0,odom,2.5\n", "has 4 cells in its first line: .* tables a header"),
         ("a.txt", "# nothing\n", "has no rows"),
         ("a.json", "{}", "is not a track: give"),
     ],
@@ -369,7 +383,10 @@ def test_dates_of_a_table_in_memory_are_read_to_the_microsecond(zone):
         ({"time_s": [1, 2], "x_m": [1]}, r"has columns of shapes \(2,\), \(1,\): give one value"),
         ({"time_s": [], "x_m": []}, "at least one row"),
         ({}, "columns of shapes : give"),
-        ({"time_s": [0, 1], "x_m": ["here", "there"]}, "row 1 is '0,here', not 2 numbers"),
+        (
+            {"time_s": [0, 1], "x_m": ["here", "there"]},
+            "row 1 has 'here' in x_m: expected a number",
+        ),
     ],
 )
 def test_a_table_in_memory_that_is_no_track_is_refused(table, message):
