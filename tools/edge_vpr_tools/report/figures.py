@@ -30,6 +30,7 @@ from edge_vpr.route import Kind, Route
 from edge_vpr_tools.console import number_of
 from edge_vpr_tools.report.page import FINDABLE
 from edge_vpr_tools.report.style import (
+    BLACK,
     BLUE,
     CYCLE,
     GREY,
@@ -405,15 +406,20 @@ def distance_matrix(
             _truth_band(axes, truth)
             handles.append(Line2D([], [], color=SKY, lw=6, alpha=0.6, label="true places"))
         if found is None:
-            axes.plot(matches.query, matches.place, ".", color=ORANGE, ms=4)
-            handles.append(_dot(ORANGE, ".", "match"))
+            handles += axes.plot(
+                matches.query, matches.place, ".", color=ORANGE, ms=4, label="match"
+            )
         else:
             correct, wrong = found.correct, found.evaluated & ~found.correct
-            axes.plot(matches.query[wrong], matches.place[wrong], "x", color=RED, ms=5)
-            axes.plot(matches.query[correct], matches.place[correct], ".", color=ORANGE, ms=4)
-            handles.append(_dot(ORANGE, ".", f"correct match ({correct.sum()})"))
-            if wrong.any():
-                handles.append(_dot(RED, "x", f"wrong match ({wrong.sum()})"))
+            handles += axes.plot(
+                matches.query[correct], matches.place[correct], ".", color=ORANGE, ms=4,
+                label=f"correct match ({correct.sum()})",
+            )  # fmt: skip
+            if wrong.any():  # seen on dark and on light distances
+                handles += axes.plot(
+                    matches.query[wrong], matches.place[wrong], "X", color=BLACK, mec="white", ms=7,
+                    mew=0.7, label=f"wrong match ({wrong.sum()})",
+                )  # fmt: skip
         bar = drawing.colorbar(image, ax=axes, location="bottom", shrink=0.8, aspect=30)
         length = matches.settings.windows_per_match
         unit = "events" if matches.settings.counter_code == "none" else "codes"
@@ -549,7 +555,3 @@ def true_cells(correct: npt.NDArray[np.bool_] | TrueCells) -> npt.NDArray[np.boo
         widened[shift:] |= cells[:-shift]
         widened[:-shift] |= cells[shift:]
     return widened
-
-
-def _dot(colour: str, marker: str, label: str) -> Line2D:
-    return Line2D([], [], color=colour, marker=marker, ls="", label=label)
