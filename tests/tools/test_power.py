@@ -596,6 +596,17 @@ def test_encodings_separators_and_both_micro_signs_are_read(
     assert watts == pytest.approx([2.5, 5.0]) and np.diff(when) == pytest.approx([0.5])
 
 
+def test_times_of_day_go_on_after_midnight(tmp_path):
+    path = tmp_path / "meter.csv"
+    path.write_text("Time,Watts\n23:59:59.5,1\n23:59:59.9,2\n00:00:00.4,3\n00:00:00.9,4\n")
+    when, watts, *_ = read_meter(path)
+    assert np.diff(when) == pytest.approx([0.4, 0.5, 0.5], abs=1e-6)
+    assert watts.tolist() == [1.0, 2.0, 3.0, 4.0]
+    path.write_text("Time,Watts\n10:00:00,1\n10:00:02,2\n10:00:01,3\n")
+    with pytest.raises(UsageError, match="sample 3: its time is before"):
+        read_meter(path)
+
+
 def test_samples_of_the_same_second_are_spread_over_it(tmp_path):
     """Each second has as many as there are; one of a gap does not last."""
     path = tmp_path / "meter.csv"
@@ -1028,6 +1039,16 @@ def test_a_meter_is_added_afterwards_and_drawn(profile, tmp_path, capsys):
     assert f"1 of {time_s.size + 1:,} readings are negative" in " ".join(
         capsys.readouterr().out.split()
     )
+    # readings that the meter lost in the middle of a window
+    middle = windows[4].start_s + 0.4 * (windows[4].end_s - windows[4].start_s)
+    kept = np.abs(time_s - middle) > 0.1 * (windows[4].end_s - windows[4].start_s)
+    some = zip(time_s[kept], watts[kept], strict=True)
+    (lossy := tmp_path / "lossy.csv").write_text(
+        "time_s,power_w\n" + "".join(f"{t},{w}\n" for t, w in some)
+    )
+    assert "missing" not in energy["sensor"]["detail"]
+    assert main(["profile", "trace", str(path), str(lossy)]) == 0
+    assert "readings are missing for up to" in " ".join(capsys.readouterr().out.split())
     # the same turns at another voltage, without measuring again
     assert main(["profile", "trace", str(path), str(meter), "--voltage", "4"]) == 0
     assert "'time_s', 'current_ma' and 4 V as given" in " ".join(capsys.readouterr().out.split())

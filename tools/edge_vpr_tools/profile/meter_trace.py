@@ -37,6 +37,7 @@ MAX_TRACE_WATTS = 500.0
 _MOST_WINDOWS, _MOST_S = 10_000, 1e6
 #: a trace that seems longer has another unit of time
 _MOST_TRACE_S = 7 * 86_400.0
+_DAY_S = 86_400.0
 #: lines before the header, in which programs describe themselves
 _MOST_PREFACE = 50
 #: seconds or watts that no meter writes, far below what sums of them may reach
@@ -249,7 +250,7 @@ def _samples(
         for quantity, column in chosen.items() if quantity not in ("time", "date")
     ]  # fmt: skip
     unit: float | None = None  # of times; 0 of clocks
-    last = -math.inf
+    last, midnights = -math.inf, 0
     for number, row in enumerate(rows, 1):
         cells = [row[column.at] for column in chosen.values() if column.at < len(row)]
         if not any(map(_DIGIT.search, cells)):
@@ -275,6 +276,9 @@ def _samples(
             raise UsageError(
                 f"{path}, sample {number}: a cell is no number, or too large: leave out such rows"
             )
+        if unit == 0.0 and when < _DAY_S:  # a time of day, without a date
+            midnights += when + midnights * _DAY_S < last - _DAY_S / 2
+            when += midnights * _DAY_S
         if when < last:
             raise UsageError(
                 f"{path}, sample {number}: its time is before that of the row above: leave out "

@@ -21,8 +21,10 @@ from edge_vpr_tools.profile.conditions import Conditions, void_because
 from edge_vpr_tools.profile.measurement import (
     BOUNDED,
     Energy,
+    Floats,
     Plan,
     Trace,
+    Window,
     analyse,
     measure,
     take_turns,
@@ -201,6 +203,7 @@ def with_meter(
     behind = f"; {left_out} rows behind the last reading hold no number, and are left out"
     doubt = behind if left_out else ""
     doubt += f"; {negative:,} of {watts.size:,} readings are negative" if negative else ""
+    doubt += _gaps(time_s - ahead, windows)
     about = About(
         name=meter.name,
         kind="power",
@@ -211,6 +214,20 @@ def with_meter(
     )
     energy = analyse(Trace.of_power(time_s - ahead, watts), windows, about)
     return replace(found, energy=replace(energy, figures=None) if found.void else energy)
+
+
+def _gaps(time_s: Floats, windows: Sequence[Window]) -> str:
+    """Say how long a meter gave no reading among the windows; "" if not unusually long."""
+    steps = np.diff(time_s)
+    inside = (time_s[1:] > windows[0].start_s) & (time_s[:-1] < windows[-1].end_s)
+    window_s = min(window.end_s - window.start_s for window in windows)
+    gaps = steps[inside & (steps > max(3 * np.median(steps), window_s / 10))]
+    if not gaps.size:
+        return ""
+    return (
+        f"; readings are missing for up to {gaps.max():.3g} s in windows of {window_s:.3g} s, and "
+        "power is interpolated there: record again"
+    )
 
 
 def _board(root: Path) -> str | None:
