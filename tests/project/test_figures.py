@@ -107,6 +107,7 @@ QUARTER, SEEN = "a quarter cut out", " from one window after a change on"
 SWAPPED, THEIRS = "Brisbane, 49 *, sunset2 on sunset1", "Brisbane, LENS's *"
 AT_WHOLE = ", places at whole windows"
 OURS, LIVE = f"edge-vpr{AT_WHOLE}", "place filter, live"
+SMOOTHED = "place filter, recorded"
 SOON = "median time to 0.99 (s)"
 SCRAMBLED = (
     "windows shuffled", "query reversed", "pixels shuffled in each window", "pixels shuffled once",
@@ -242,6 +243,23 @@ def on_brisbane(system: str, matching: str, pixels: str) -> float:
                       tolerance="70 m", system=system, matching=matching))  # fmt: skip
 
 
+def laid_out(column: str, matching: str, metres: int = 70) -> list[float]:
+    """Return what patch normalisation, HOG and ours reach at the 49 pixels of Brisbane."""
+    return [
+        float(cell("rivals.csv", column, drives="Brisbane, 49 *, sunset1 on sunset2",
+                   tolerance=f"{metres} m", system=system, matching=matching))
+        for system in ("patch-normalised*", "hog*", OURS)
+    ]  # fmt: skip
+
+
+def with_other_map() -> float:
+    """Return what all three reach smoothed with the map of the first drive."""
+    (found,) = {float(row["P@100R"]) for row in chosen_rows("rivals.csv", {
+        "drives": "Brisbane, 49 *, sunset2 on sunset1", "tolerance": "70 m",
+        "system": f"patch-normalised*|hog*|{OURS}", "matching": SMOOTHED})}  # fmt: skip
+    return found
+
+
 def accepted_near() -> list[float]:
     """Return the precision of our accepted live matches within 10 m, on each street."""
     chosen = {"drives": "simulated streets, windows of 1 s", "system": OURS, "matching": LIVE}
@@ -314,6 +332,21 @@ SENTENCES: list[tuple[str, str, Callable[[], object]]] = [
     ("README", "{:.2f} with sequences of 20 at its own 49 pixels; at these, ours reaches {:.2f}",
      lambda: [on_brisbane("LENS, sunset2", "sequences of 20", "LENS's 49 pixels"),
               on_brisbane(OURS, LIVE, "LENS's 49 pixels")]),
+    ("README", "patch normalisation and HOG reach {:.3f}, ours {:.3f}, with",
+     lambda: list(dict.fromkeys(laid_out("P@100R", SMOOTHED)))),
+    ("README", "with places of {:,.0f} and {:,.0f} bytes, ours {:.0f}; live",
+     lambda: laid_out("bytes per place", LIVE)),
+    ("README", "live they reach {:.3f} and {:.3f}, ours {:.3f}",
+     lambda: laid_out("P@100R", LIVE)),
+    ("results_methods", "patch normalisation and HOG reach {:.3f} here, ours {:.3f}",
+     lambda: list(dict.fromkeys(laid_out("P@100R", SMOOTHED)))),
+    ("results_methods", "(with the map of sunset 1, all three reach {:.0f})", with_other_map),
+    ("results_methods", "Within 25 m, smoothed, they reach {:.3f} and {:.3f}, ours {:.3f}",
+     lambda: laid_out("P@100R", SMOOTHED, 25)),
+    ("results_methods", "is better live, {:.3f} against {:.3f}, and all pixels",
+     lambda: [on_brisbane(of, LIVE, "LENS's 49 pixels") for of in ("patch-normalised*", OURS)]),
+    ("results_methods", "and all pixels smoothed, {:.3f} against {:.3f}",
+     lambda: [on_brisbane(of, SMOOTHED, "LENS's 49 pixels") for of in ("all-pixels, SAD", OURS)]),
     ("README", "On these drives {:.3f} or more are;",
      lambda: min(trust("precision"))),
     ("README", "on the walks, of {} windows,", lambda: windows_of("Speck walks*")),

@@ -28,8 +28,10 @@ from edge_vpr_tools.research.experiments.mount_shift import ShiftedWindows, shif
 from edge_vpr_tools.research.experiments.pairs import INNER, CountedDrive, CountedPair, Pair
 from test_network_baselines import conv_model
 
+from edge_vpr.descriptors.pixels import PixelMap
 from edge_vpr.descriptors.windows import Descriptors
 from edge_vpr.evaluation.ground_truth import Alignment, from_alignment
+from edge_vpr.events import Sensor
 from edge_vpr.matching.distances import ReferenceIndex
 from edge_vpr.matching.drive import match_descriptors
 from edge_vpr.reference_map import ReferenceMap
@@ -155,10 +157,28 @@ def test_later_draws_leave_out_what_draws_nothing():
     assert "all-pixels, SAD" not in systems and rivals.OURS in systems
 
 
-def test_of_some_published_pixels_no_images_are_made():
-    systems = {row["system"] for row in rows_of_contest(contest(laid_out=False))}
-    assert not any("hog" in name or "patch" in name for name in systems)
+def test_some_published_pixels_are_laid_out_for_systems_that_compare_neighbours():
+    pair = contest(laid_out=False)
+    rows = rows_of_contest(pair)
+    systems = {row["system"] for row in rows}
     assert "seed-code: the given pixels, clipped at 10, SAD" in systems
+    assert not any(name.startswith("paper") for name in systems)
+    # in any order, and among pixels without events, if their places on the sensor are known
+    size = pair.reference.images.shape[1:]
+    order = np.random.default_rng(3).permutation(np.prod(size))
+    y, x = np.unravel_index(order, size)
+    published = PixelMap(Sensor(size[1] + 1, size[0]), x, y)
+    listed = [replace(drive, images=drive.images[:, None, y, x], published=published)
+              for drive in (pair.reference, pair.query)]  # fmt: skip
+    padded = [replace(drive, images=np.pad(drive.images, ((0, 0), (0, 0), (0, 1))))
+              for drive in (pair.reference, pair.query)]  # fmt: skip
+    found, expected = (
+        {(row["system"], row["matching"]): (row["R@99P"], row["bytes per place"])
+         for row in rows_of_contest(replace(pair, reference=first, query=second))
+         if "patch" in row["system"] or "hog" in row["system"]}
+        for first, second in (listed, padded)
+    )  # fmt: skip
+    assert len(found) == 12 and found == expected
 
 
 def test_the_default_among_rivals_is_the_default_of_a_map():

@@ -11,6 +11,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from edge_vpr.descriptors.pixels import PixelMap
 from edge_vpr.descriptors.windows import PublishedWindows
 from edge_vpr.errors import UsageError
 from edge_vpr.evaluation.ground_truth import (
@@ -20,6 +21,7 @@ from edge_vpr.evaluation.ground_truth import (
     load_alignment,
 )
 from edge_vpr.evaluation.track_files import load_track
+from edge_vpr.events import Sensor
 from edge_vpr.recordings import open_recording
 from edge_vpr.settings import PRESETS
 from edge_vpr.simulation import QUERY, Drive, Light, SimulatedRecording, simulate_pair
@@ -421,9 +423,18 @@ def _brisbane_contest(folder: Path, logs: Path, names: tuple[str, str], seed: in
 
 
 def _published_counts(path: Path) -> CountedDrive:
-    """Read counts of some pixels in windows of a second, as a square if they are in one."""
+    """Read counts of some pixels in windows of a second, as a square if they are in one.
+
+    The places of the pixels of such a square are not published.
+    """
+    published = None
     with np.load(path) as arrays:
-        counts = arrays["frames"] if "frames" in arrays else arrays["counts"][:, None, :]
+        if "frames" in arrays:
+            counts = arrays["frames"]
+        else:
+            counts = arrays["counts"][:, None, :]
+            sensor = Sensor(int(arrays["sensor_width"]), int(arrays["sensor_height"]))
+            published = PixelMap(sensor, arrays["pixel_x"], arrays["pixel_y"])
     second = 1_000_000
     centre_us = np.arange(len(counts), dtype=np.int64) * second + second // 2
-    return CountedDrive(counts.astype(np.uint16), centre_us)
+    return CountedDrive(counts.astype(np.uint16), centre_us, published)

@@ -248,6 +248,18 @@ class CountedDrive:
     #: Shape (n, height, width): counts of events at each pixel, for n windows.
     images: npt.NDArray[np.integer]
     centre_us: Times  #: Shape (n,): centre of each window.
+    #: Where the pixels of `images` lie on the sensor, if only some were published.
+    published: PixelMap | None = None
+
+    @property
+    def on_sensor(self) -> npt.NDArray[np.integer]:
+        """Images of the sensor, in which pixels that were not published have no events."""
+        if self.published is None:
+            return self.images
+        sensor = self.published.sensor
+        whole = np.zeros((len(self.images), sensor.height, sensor.width), self.images.dtype)
+        whole[:, self.published.y, self.published.x] = self.images.reshape(len(self.images), -1)
+        return whole
 
     @cached_property
     def activity(self) -> npt.NDArray[np.int64]:

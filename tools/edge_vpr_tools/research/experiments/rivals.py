@@ -27,7 +27,8 @@ from edge_vpr.settings import PRESETS, Settings
 from edge_vpr_tools.console import warning
 from edge_vpr_tools.report.tables import TableView
 from edge_vpr_tools.research.baselines import Baseline, baseline_names, compare, open_baseline
-from edge_vpr_tools.research.baselines.baseline import fastest
+from edge_vpr_tools.research.baselines.baseline import Images, fastest
+from edge_vpr_tools.research.baselines.dense import OrientedGradients, PatchNormalised
 from edge_vpr_tools.research.baselines.selected_pixels import SelectedPixels
 from edge_vpr_tools.research.experiments.drives import contests
 from edge_vpr_tools.research.experiments.experiment import CHOSEN_ON, Draw, Experiment, Row, Rows
@@ -139,7 +140,7 @@ def rivals_of(draw: Draw) -> Iterator[System]:
     pair: CountedPair = draw.pair
     for name, baseline in _baselines(pair, draw):
         try:
-            found = compare(baseline, pair.reference.images, pair.query.images)
+            found = compare(baseline, *_images(pair, baseline))
         except UsageError:  # as where the surrounds of the pixels do not fit the sensor
             continue
         yield System(
@@ -151,7 +152,16 @@ def rivals_of(draw: Draw) -> Iterator[System]:
 #: baselines that draw pixels, so that several draws differ
 DRAWN = ("paper", "seed-code")
 #: rivals on drives of which only some pixels were published
-_ANYWHERE = ("all-pixels", "all-pixels@1,2,4", "active-pixels")
+_ANYWHERE = ("all-pixels", "all-pixels@1,2,4", "patch-normalised", "active-pixels", "hog")
+#: those that compare the neighbours of a pixel
+_OF_IMAGES = (PatchNormalised, OrientedGradients)
+
+
+def _images(pair: CountedPair, baseline: Baseline) -> tuple[Images, Images]:
+    """Return the windows of the reference and of the query as a baseline takes them."""
+    if isinstance(baseline, _OF_IMAGES):
+        return pair.reference.on_sensor, pair.query.on_sensor
+    return pair.reference.images, pair.query.images
 
 
 def _baselines(pair: CountedPair, draw: Draw) -> Iterator[tuple[str, Baseline]]:
