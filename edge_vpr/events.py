@@ -26,10 +26,6 @@ LONGEST_SIDE = 1 << 16
 TIME_LIMIT_US = 1 << 60
 
 
-#: How a caller can write the size of a sensor: see `Sensor.of`.
-SensorSize: TypeAlias = "Sensor | tuple[int, int] | tuple[int, int, int] | str"
-
-
 class Sensor(NamedTuple):
     """Size in pixels; a pixel is ``(x, y)``, ``0 <= x < width``, ``0 <= y < height``.
 
@@ -87,6 +83,10 @@ class Sensor(NamedTuple):
 
     def __str__(self) -> str:
         return f"{self.width}x{self.height}"
+
+
+#: How a caller can write the size of a sensor: see `Sensor.of`.
+SensorSize: TypeAlias = Sensor | tuple[int, int] | tuple[int, int, int] | str
 
 
 def make_events(

@@ -38,8 +38,9 @@ from edge_vpr.evaluation.ground_truth import (
     GroundTruth,
     correct_of,
     from_tracks,
-    swapped_logs,
+    swapped_sides,
     unjudged,
+    with_columns_swapped,
 )
 from edge_vpr.evaluation.metrics import Evaluation, RecallDenominator, evaluate
 from edge_vpr.evaluation.tables import TableData, load_jumps, load_odometry
@@ -193,6 +194,11 @@ class ReferenceMap(MapRecord):
         RecordingError, EventError, GroundTruthError
             If a file cannot be read or is faulty.
 
+        Warns
+        -----
+        EdgeVprWarning
+            For each reason to doubt the track, the unit of the recording's times, or the settings.
+
         Examples
         --------
         >>> ReferenceMap.build("monday.raw", track="monday.nmea", tau="500ms")  # doctest: +SKIP
@@ -227,7 +233,11 @@ class ReferenceMap(MapRecord):
                 stacklevel=2,
             )
         if track is not None:
-            made = with_positions(made, track, getattr(drive, "start_us", None))
+            start_us = getattr(drive, "start_us", None)
+            made = with_positions(made, track, start_us)
+            clock_us = 0 if start_us is None else start_us - made.start_us
+            for note in doubts.drive_notes(track, made.place_time_us, clock_us):
+                warnings.warn(f"track: {note}", EdgeVprWarning, stacklevel=2)
         if odometry is not None:
             made = replace(made, odometer_mm=_of_part(drive, odometry).along(made.places.centre_us))
         if isinstance(jumps, str | Path):
@@ -587,6 +597,8 @@ class MatchResult:
     >>> result, result.evaluate((monday.track, tuesday.track), 10).precision_at_100_recall
     (MatchResult(Matches(8 queries, 12 places, place filter, 0 tied)), 1.0)
 
+    Two results are equal only if they are one object; maps and `matches` are equal by their values.
+
     Attributes
     ----------
     reference : ReferenceMap
@@ -693,11 +705,17 @@ class MatchResult:
         found = [*truth.notes, *unjudged(truth, *at)]
         if tracks is not None:
             reference, query = tracks
-            found += swapped_logs(truth, lambda: self._truth(query, reference, tolerance_m), *at)
+            found += swapped_sides(truth, lambda: self._truth(query, reference, tolerance_m), *at)
             correct, judged = correct_of(truth, *at)
             # otherwise no offset can be clearly better
             if correct < (1 - doubts.MORE_CORRECT) * judged:
                 found += self.clear_offset(tracks, tolerance_m, remedy)
+        elif truth.positions is not None and truth.positions.unit != "m":  # of an alignment
+            times_us = self.reference.place_time_us, self.query_time_us
+            found += swapped_sides(
+                truth, lambda: with_columns_swapped(truth, *times_us), *at, "alignment's columns",
+                "give the moments in the query first, or correct the names in the header",
+            )  # fmt: skip
         return tuple(found)
 
     def clear_offset(
@@ -757,7 +775,7 @@ class MatchResult:
         Warns
         -----
         EdgeVprWarning
-            For each reason to doubt that two tracks are those of the drives; they are also in
+            For each reason to doubt that the truth is that of the drives; they are also in
             ``evaluation.truth.notes`` and in the report.
         """
         if isinstance(truth, Alignment):
@@ -766,6 +784,7 @@ class MatchResult:
                 "from_alignment(alignment, result.reference.place_time_us, result.query_time_us, "
                 "tolerance)"
             )
+        tracks = None
         if isinstance(truth, GroundTruth):
             within = None if truth.positions is None else truth.positions.tolerance
             if tolerance_m not in (None, within):
@@ -787,22 +806,17 @@ class MatchResult:
                 )
             tracks = _loaded(truth[0]), _loaded(truth[1])
             truth = self._truth(*tracks, tolerance_m)
-            found = self.doubts_of(
-                truth, tracks, tolerance_m,
-                lambda offset: f"give that track .shifted({offset.seconds:g})",
-            )  # fmt: skip
-            truth = replace(truth, notes=found)
-            for note in truth.notes:
-                warnings.warn(note, EdgeVprWarning, stacklevel=2)
-        return evaluate(
-            self.matches,
-            truth,
-            score=score,
-            recall_denominator=recall_denominator,
-        )
+        found = evaluate(self.matches, truth, score=score, recall_denominator=recall_denominator)
+        notes = self.doubts_of(
+            truth, tracks, tolerance_m or 0.0,
+            lambda offset: f"give that track .shifted({offset.seconds:g})",
+        )  # fmt: skip
+        for note in notes:
+            warnings.warn(note, EdgeVprWarning, stacklevel=2)
+        return replace(found, truth=replace(truth, notes=notes))
 
     def to_frame(self, evaluation: Evaluation | None = None) -> pandas.DataFrame:
-        """Return a pandas table with the columns of ``matches.csv``, one row for each match.
+        """Return a pandas table with one row for each match; see `Matches.to_frame`.
 
         Parameters
         ----------
@@ -913,10 +927,10 @@ class MatchResult:
         if evaluation is None:
             return
         expect(evaluation, Evaluation, "evaluation", "what result.evaluate returned")
-        if len(evaluation.correct) != len(self):
+        if evaluation.matches != self.matches:
             raise UsageError(
-                f"evaluation is of {len(evaluation.correct):,} matches and the result has "
-                f"{len(self):,}: give that of this result"
+                f"evaluation is of {evaluation.matches!r}, and the result has other matches, "
+                f"{self.matches!r}: give that of this result"
             )
 
     def save(self, folder: PathName, *, overwrite: bool = False) -> None:

@@ -453,6 +453,10 @@ class PublishedWindows:
         self.counted[y, x] = True
         self.faults = Faults()
 
+    def __repr__(self) -> str:
+        frames = min(self._last, self._frames.n_frames) - self._first
+        return f"PublishedWindows({frames:,} frames of {self.window_us / 1e6:g} s, {self.sensor})"
+
     def windows(self) -> Iterator[WindowCounts]:
         """Yield one window for each frame, over all pixels, row by row."""
         for k, row in enumerate(self._rows()):

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from typing import NamedTuple, TypeGuard
+from typing import Any, NamedTuple, TypeGuard
 
 import numpy as np
 import numpy.typing as npt
@@ -35,6 +35,8 @@ LEAST_COMMON = 0.8
 SWAPPED_BY = 0.05
 #: Tracks of odometry begin this near to 0; in frames of their own, two of them part.
 _ORIGIN_M, _OWN_FRAMES_SHARE = 1.0, 0.5
+#: Two clocks are the same if they differ by less. Chosen by judgement.
+_OTHER_CLOCK_US = 1_000_000
 #: Reasons for which a log is doubtful even if few of its entries are left out.
 _SERIOUS = ("0 N 0 E", "a frozen position", "a position that cannot be reached")
 
@@ -94,15 +96,46 @@ def notes(
         ("reference", "query"), (reference, query), (reference_us, query_us), given, strict=True
     ):
         if common < LEAST_COMMON:
-            found.append(
-                f"the {name} log covers {track.time_us[0] / 1e6:.0f} to "
-                f"{track.time_us[-1] / 1e6:.0f} s and its drive lasts until "
-                f"{times.max() / 1e6:.0f} s: is it the log of this drive, and its clock right "
-                "(Track.shifted)?"
-            )
+            found.append(_covers(f"{name} log", track, times))
         found += [f"{name} log: {note}" for note in track_notes(track)]
         found += _against_tolerance(name, track, times, tolerance_m)
     return tuple(found)
+
+
+def drive_notes(track: Track, times_us: Times, clock_us: int) -> tuple[str, ...]:
+    """Return notes on a log alone, and on whether its times suit the drive that it is given for.
+
+    Parameters
+    ----------
+    times_us : ndarray of int64
+        Times of the windows' centres.
+    clock_us : int
+        The recording's start on its own clock.
+    """
+    found = list(track_notes(track))
+    first, last = int(track.time_us[0]), int(track.time_us[-1])
+    off, off_by_clock = (
+        abs(first - times_us[0] - clock) + abs(last - times_us[-1] - clock)
+        for clock in (0, clock_us)
+    )
+    # one that has been shifted begins before the recording
+    if clock_us >= _OTHER_CLOCK_US <= off and off_by_clock <= off and first >= 0:
+        found.append(
+            f"the recording's first event, at {clock_us / 1e6:g} s on its own clock, is its start, "
+            f"and the log covers {first / 1e6:g} to {last / 1e6:g} s: if its times are on that "
+            f"clock too, shift it by {-clock_us / 1e6:g} s (Track.shifted)"
+        )
+    elif _common(track, times_us) < LEAST_COMMON:
+        found.append(_covers("log", track, times_us))
+    return tuple(found)
+
+
+def _covers(log: str, track: Track, times_us: npt.NDArray[Any]) -> str:
+    return (
+        f"the {log} covers {track.time_us[0] / 1e6:.0f} to {track.time_us[-1] / 1e6:.0f} s and "
+        f"its drive lasts until {times_us.max() / 1e6:.0f} s: is it the log of this drive, and its "
+        "clock right (Track.shifted)?"
+    )
 
 
 def track_notes(track: Track) -> tuple[str, ...]:
@@ -361,7 +394,7 @@ def _same(reference: Track, query: Track) -> bool:
     )
 
 
-def _common(track: Track, times_us: npt.NDArray[np.float64]) -> float:
+def _common(track: Track, times_us: npt.NDArray[Any]) -> float:
     """Return the time shared by track and windows, divided by the time that they span together."""
     first, last = float(track.time_us[0]), float(track.time_us[-1])
     start, end = float(times_us.min()), float(times_us.max())

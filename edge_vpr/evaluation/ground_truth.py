@@ -597,6 +597,36 @@ def from_alignment(
     return truth
 
 
+def with_columns_swapped(
+    truth: GroundTruth, reference_times_us: npt.ArrayLike, query_times_us: npt.ArrayLike
+) -> GroundTruth:
+    """Return the truth of an alignment whose columns are swapped.
+
+    Parameters
+    ----------
+    truth : GroundTruth
+        Of `from_alignment`.
+    reference_times_us, query_times_us : array_like, shapes (K,) and (Q,)
+        With which it was made.
+
+    Raises
+    ------
+    GroundTruthError
+        If the moments in the reference do not increase.
+    """
+    assert truth.positions is not None
+    places, moved = truth.positions.place, truth.positions.query
+    # places are in the unit of the alignment, which counts from the start as their times do
+    unit_us = np.max(reference_times_us) / places.max()
+    known = truth.known
+    pairs = np.column_stack([moved[known, 0], np.asarray(query_times_us)[known] / unit_us])
+    _check_pairs(pairs)
+    moments = np.asarray(query_times_us) / unit_us
+    expected = interpolate(moments, pairs[:, 0], pairs[:, 1:])[:, 0]
+    correct = within(places[:, 0], expected, lambda a, b: np.abs(a - b), truth.positions.tolerance)
+    return GroundTruth(correct, ~np.isnan(expected), truth.description)
+
+
 def _check_pairs(pairs: Floats) -> None:
     if pairs.ndim != 2 or pairs.shape[1:] != (2,) or len(pairs) < 2:
         raise GroundTruthError(
@@ -723,7 +753,8 @@ def load_matrix(path: str | Path) -> npt.NDArray[np.generic]:
 
 #: if a larger share of the matches cannot be judged, a note says so
 _MUCH_UNKNOWN = 0.05
-#: swapped logs are reported if this share of the matches becomes correct by it; chosen by judgement
+#: swapped logs or columns are reported if this share of the matches becomes correct. Chosen by
+#: judgement.
 _SWAPPED_BY = 0.3
 
 
@@ -750,31 +781,35 @@ def unjudged(
     )
 
 
-def swapped_logs(
+def swapped_sides(
     truth: GroundTruth,
     swapped: Callable[[], GroundTruth],
     place: npt.NDArray[np.integer],
     query: npt.NDArray[np.integer],
+    sides: str = "two logs",
+    remedy: str = "name the log of the reference first",
 ) -> tuple[str, ...]:
-    """Return a note if far more of the matches are correct by two logs in the other order.
+    """Return a note if far more of the matches are correct with two sides swapped.
 
     Parameters
     ----------
     swapped : callable
-        Returns the truth of the logs in the other order, or raises GroundTruthError.
+        Returns the truth of the sides in the other order, or raises GroundTruthError.
+    sides, remedy : str
+        What is swapped, and what to do.
     """
     correct, judged = correct_of(truth, place, query)
     if correct >= (1 - _SWAPPED_BY) * judged:
         return ()
     try:
         other, of = correct_of(swapped(), place, query)
-    except GroundTruthError:  # the tracks fit these drives in one order only
+    except GroundTruthError:  # they fit these drives in one order only
         return ()
     if other * judged <= (correct + _SWAPPED_BY * judged) * of:
         return ()
     return (
-        f"with the two logs in the other order, {other / of:.0%} of the matches would be correct "
-        f"instead of {correct / judged:.0%}: name the log of the reference first",
+        f"with the {sides} in the other order, {other / of:.0%} of the matches would be correct "
+        f"instead of {correct / judged:.0%}: {remedy}",
     )
 
 

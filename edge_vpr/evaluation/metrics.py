@@ -167,10 +167,8 @@ def precision_recall(
         Whether the best match is correct.
     has_place : ndarray of bool, shape (n,)
         Whether the query has a true place in the map.
-    recall_denominator : {"rejected-correct", "all-with-place"}
-        What counts as missed (fn). ``rejected-correct``: a rejected query whose best match was
-        correct, as in the released code; recall reaches 1 when everything is accepted.
-        ``all-with-place``: a query that has a true place in the map and did not get it.
+    recall_denominator
+        What counts as missed (fn): see `evaluate`.
     """
     if recall_denominator not in get_args(RecallDenominator):
         raise UsageError(
@@ -221,8 +219,10 @@ class Evaluation:
         Whether it is known if each match is correct.
     error : ndarray of float64, shape (n,)
         How far each match is from the true position, in `truth.error_unit`; NaN where not known.
+    matches : Matches
+        That were compared.
     truth : GroundTruth
-        With which the matches were compared.
+        With which they were compared.
     recall_at : dict of int to float
         Recall@N: share of the evaluated queries with a true place that have one among the N
         nearest. A query counts as missed only if all of its N nearest places can be judged.
@@ -242,6 +242,7 @@ class Evaluation:
     correct: npt.NDArray[np.bool_]
     evaluated: npt.NDArray[np.bool_]
     error: npt.NDArray[np.float64]
+    matches: Matches
     truth: GroundTruth
     curve: PrecisionRecall
     recall_at: dict[int, float]
@@ -335,8 +336,10 @@ def evaluate(
     score : {"distance", "ratio", "margin", "trust"}, optional
         Score of the thresholds of the precision-recall curve. By default the trust of the place
         filter, and of sequences the distance, or the ratio with codes other than linear ones.
-    recall_denominator
-        As for `precision_recall`.
+    recall_denominator : {"rejected-correct", "all-with-place"}
+        What counts as missed. ``rejected-correct``: a rejected query whose best match was correct,
+        as in the released code; recall reaches 1 when everything is accepted. ``all-with-place``: a
+        query that has a true place in the map and did not get it.
     """
     expect(matches, Matches, "matches", "Matches, as result.matches of ReferenceMap.match")
     expect(truth, GroundTruth, "truth", "a GroundTruth, as of from_tracks")
@@ -380,6 +383,7 @@ def evaluate(
         correct=correct,
         evaluated=evaluated,
         error=truth.errors(matches.place, matches.query),
+        matches=matches,
         truth=truth,
         curve=curve,
         recall_at={

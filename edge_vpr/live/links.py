@@ -21,7 +21,7 @@ from pathlib import Path
 from typing import Any
 
 from edge_vpr.archive import archive_kind
-from edge_vpr.errors import EdgeVprError, UsageError
+from edge_vpr.errors import EdgeVprError, UsageError, kind_of
 from edge_vpr.map_record import KIND as MAP_KIND
 from edge_vpr.recordings import FORMATS
 
@@ -509,8 +509,8 @@ def link_opener(link: Any, baud: int, flow_control: bool) -> tuple[Callable[[], 
         live = stat.S_ISCHR(kind) or stat.S_ISSOCK(kind)
         return lambda: DescriptorLink(name, os.dup(descriptor), live=live), False
     raise UsageError(
-        f"link {link!r}: expected a port such as '/dev/ttyACM0', tcp://HOST:PORT, a file, or an "
-        "open file, socket or serial port"
+        f"link is {kind_of(link)}: expected a port such as '/dev/ttyACM0', tcp://HOST:PORT, a file "
+        "(of bytes in memory, write one), or an open file, socket or serial port"
     )
 
 

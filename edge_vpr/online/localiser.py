@@ -53,8 +53,8 @@ class Localiser:
     >>> monday, tuesday = simulate_pair(0, "tiny", length_m=40)
     >>> localiser = ReferenceMap.build(monday, pixels=50).localiser("window")
     >>> places = [int(match["place"]) for events in tuesday for match in localiser.update(events)]
-    >>> tuple(places[-3:])
-    (6, 8, 10)
+    >>> tuple(places[-3:]), localiser
+    ((6, 8, 10), Localiser(12 places, at 8.57585 s))
 
     It holds the counters of the newest L consecutive windows (`SlidingWindows`), and the distances
     of this sequence to all places. An event changes each distance by a few steps of +-1, so that
@@ -110,6 +110,9 @@ class Localiser:
 
     def __len__(self) -> int:
         return len(self.run.places)
+
+    def __repr__(self) -> str:
+        return f"Localiser({len(self)} places, at {self.run.now_us / 1e6:g} s)"
 
     @property
     def filled(self) -> float:

@@ -58,7 +58,8 @@ class MatchRow(NamedTuple):
     """
 
     time_us: int  #: Time of the match, by the clock of the events.
-    place: int  #: Best place; the first one in a tie.
+    #: Best place; the first one in a tie. Of a map ``route.along_m[place]`` are its metres.
+    place: int
     distance: float  #: Of the best place: mean over the L windows of the sequence.
     second: int  #: Best place outside the exclusion zone; -1 if there is none.
     second_distance: float  #: Its distance; NaN if there is none.

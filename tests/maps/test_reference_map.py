@@ -4,9 +4,13 @@ from __future__ import annotations
 
 import csv
 import dataclasses
+import inspect
 import json
 import re
+import warnings
 from fractions import Fraction
+from types import SimpleNamespace
+from typing import Any, get_type_hints
 
 import numpy as np
 import pytest
@@ -512,6 +516,71 @@ def test_what_makes_a_truth_doubtful_is_a_warning_and_in_the_report(tmp_path):
     assert "cannot be judged" in (tmp_path / "result" / "report.html").read_text()
     recorded = json.loads((tmp_path / "result" / "metrics.json").read_text())["evaluated_by"]
     assert recorded["warnings"] == list(found.truth.notes)
+
+
+def test_an_alignment_with_swapped_columns_is_doubted():
+    """The second drive is at each place 3 s later than the first."""
+    first, _ = simulate_pair(0, "tiny", length_m=250)
+    events = np.concatenate(list(first))
+    route = ev.ReferenceMap.build(first, pixels=60)
+    late = events[events["t"] < 3_000_000], events.copy()
+    late[1]["t"] += 3_000_000
+    result = route.match(np.concatenate(late))
+    end_s = events["t"][-1] / 1e6
+    pairs = np.array([[-5, -8], [end_s + 8, end_s + 5]])
+    times = route.place_time_us, result.query_time_us
+    for given, period in (
+        (ev.Alignment(pairs, "s"), None),
+        (ev.Alignment(10 * pairs, "frame"), 0.1),
+    ):
+        unit = 1 if period is None else 10
+        truth = ev.from_alignment(given, *times, unit, frame_period=period)
+        found = result.evaluate(truth)
+        assert found.truth.notes == ()
+        swapped = given._replace(pairs=np.asarray(given.pairs)[:, ::-1])
+        wrong = ev.from_alignment(swapped, *times, unit, frame_period=period)
+        with pytest.warns(ev.EdgeVprWarning, match="the alignment's columns in the other order"):
+            said = result.evaluate(wrong)
+        assert said.precision_at_100_recall < 0.2 < 0.7 < found.precision_at_100_recall
+        assert len(said.truth.notes) == 1
+
+
+@pytest.mark.parametrize(
+    ("from_s", "until_s", "says"),
+    [
+        (0, 45, r"first event, at 5 s .* shift it by -5 s \(Track"),  # one clock
+        (5, 45, r"shift it by -5 s"),
+        (-5, 40, None),  # shifted
+        (0, 40, None),  # begins with the recording
+        (-30, 40, "covers -30 to 40 s and its drive lasts until 40 s"),
+    ],
+)
+def test_a_track_that_does_not_begin_with_its_recording_is_doubted(from_s, until_s, says):
+    events = events_of(0, seconds=40.0)
+    events["t"][0] = 0
+    table = {name: events[name] for name in "xyp"} | {"t": events["t"] + 5_000_000}
+    track = ev.Track([from_s * 1_000_000, until_s * 1_000_000], [[0.0], [100.0]], max_gap_us=10**8)
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        ev.ReferenceMap.build(table, sensor=SENSOR, track=track, **SMALL)
+    said = "; ".join(str(one.message) for one in caught)
+    assert re.search(says, said) if says else not said
+
+
+def test_types_of_public_names_can_be_read():
+    """As by programs that check arguments; pandas and Matplotlib are not loaded for it."""
+    optional = {"pandas": SimpleNamespace(DataFrame=Any), "Axes": Any}
+    optional |= dict.fromkeys(("CounterCode", "OwnMeanCode"), Any)
+    for public in (getattr(ev, name) for name in ev.__all__):
+        members = [public]
+        if isinstance(public, type):
+            made = () if dataclasses.is_dataclass(public) else ("__init__",)
+            members = [of for name, of in vars(public).items() if name[0] != "_" or name in made]
+        for each in members:
+            function = getattr(each, "fget", None) or getattr(each, "__func__", each)
+            if inspect.isfunction(function):
+                found = get_type_hints(function, localns=optional)
+                assert found.keys() == function.__annotations__.keys()
 
 
 def test_a_doubtful_unit_of_times_is_a_warning(folder):

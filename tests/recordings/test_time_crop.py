@@ -84,6 +84,7 @@ def test_frames_as_windows_keep_the_whole_frames_of_a_part(tmp_path):
     np.savez(tmp_path / "a.npz", frames=frames, window_s=0.1)
     crop = TimeCrop(start_us=150_000, end_us=650_000)
     windows = PublishedWindows(tmp_path / "a.npz", crop=crop)
+    assert f"PublishedWindows({len(list(windows.windows()))} frames of " in repr(windows)
     counts = np.array([window.counts for window in windows.windows()])
     assert np.array_equal(counts, frames[2:6].reshape(4, -1))
     assert (windows.start_us, next(windows.windows()).start_us) == (200_000, 0)

@@ -82,6 +82,7 @@ def test_the_verdict_says_what_the_metrics_say(street):
     assert printed.startswith(f"{correct} of {found['queries']} matches are correct; the wrong ")
     assert printed in text
     kinds = [f"{a}, {b}" for a in ("correct", "wrong") for b in ("accepted", "not accepted")]
+    kinds[0] += " at 0.99"
     shown = {kind: legend(text, kind) or {0} for kind in kinds}
     assert all(len(numbers) == 1 for numbers in shown.values())
     (yes,), (no,), (bad,), (worse,) = shown.values()
@@ -316,9 +317,11 @@ def test_positions_correctness_and_errors_stand_beside_the_matches(street):
     assert ((table["error"] <= 3) == table["correct"]).all()
     unknown = replace(judged, evaluated=np.zeros(len(result), bool))
     assert result.to_frame(unknown)["correct"].isna().all()
-    other = replace(judged, correct=judged.correct[1:])
-    with pytest.raises(UsageError, match="give that of this result"):
-        result.to_frame(other)
+    others = result.matches.take(slice(None, None, -1)), result.matches.take(slice(1, None))
+    for matches in others:
+        for show in (result.to_frame, result.plot):
+            with pytest.raises(UsageError, match="give that of this result"):
+                show(replace(judged, matches=matches))
     nowhere = replace(result, reference=replace(result.reference, route=None))
     assert nowhere.position is None
     assert np.isnan(nowhere.along_m).all()

@@ -5,11 +5,12 @@ from __future__ import annotations
 import argparse
 import itertools
 import time
+import warnings
 from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from edge_vpr.errors import UsageError
+from edge_vpr.errors import EdgeVprWarning, UsageError
 from edge_vpr_tools.console import (
     detail_settings,
     number_of,
@@ -162,10 +163,10 @@ def run(args: argparse.Namespace) -> None:
         load_track(track, max_gap_s=args.longest_gap).shifted(args.track_offset or 0.0)
         for track in tracks
     ]
-    # of the drives' logs; of a map that learns, the reference's own was judged before
+    # of the logs of further drives; `ReferenceMap.build` warns of the reference's own
     concerns = [
         f"{path}: {concern}"
-        for path, track in zip(tracks, of_drives, strict=True)
+        for path, track in list(zip(tracks, of_drives, strict=True))[not learns :]
         for concern in track_notes(track)
     ]
     removed, seconds = Removed(), None
@@ -275,7 +276,9 @@ def _with_fitting_window(
     if settings.window != "time":
         raise UsageError("--tau auto is for windows of fixed time: leave out --window count")
     recording = open_source(args, args.recording)
-    reference, _ = _mapped(args, settings, recording, track, Removed())
+    with warnings.catch_warnings():  # the map that is kept has the same
+        warnings.simplefilter("ignore", EdgeVprWarning)
+        reference, _ = _mapped(args, settings, recording, track, Removed())
     tau_us, _ = fitting_window(reference)
     chosen = settings.replaced({"tau_us": tau_us}, "--tau auto")
     summary(f"--tau auto: windows of {tau_us / 1e6:g} s")

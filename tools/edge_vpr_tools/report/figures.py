@@ -89,7 +89,10 @@ def _groups(outcome: Outcome) -> list[_Group]:
             _Group("wrong, not accepted", wrong & ~taken, {**cross, "color": GREY}),
             _Group(f"wrong{accepted}", wrong & taken, {**cross, "color": RED}),
         ]
-    return [group for group in groups if group.of.any()]
+    some = [group for group in groups if group.of.any()]
+    if outcome.precision is not None:  # said once, so that a legend stays short
+        some[0] = some[0]._replace(label=f"{some[0].label} at {outcome.precision:g}")
+    return some
 
 
 def draw_outcomes(axes: Axes, x: Floats, y: Floats, outcome: Outcome) -> None:
