@@ -6,6 +6,7 @@ import time
 import warnings
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from importlib import import_module
 from inspect import signature
 from pathlib import Path
@@ -710,13 +711,20 @@ class MatchResult:
             # otherwise no offset can be clearly better
             if correct < (1 - doubts.MORE_CORRECT) * judged:
                 found += self.clear_offset(tracks, tolerance_m, remedy)
-        elif truth.positions is not None and truth.positions.unit != "m":  # of an alignment
-            times_us = self.reference.place_time_us, self.query_time_us
-            found += swapped_sides(
-                truth, lambda: with_columns_swapped(truth, *times_us), *at, "alignment's columns",
-                "give the moments in the query first, or correct the names in the header",
-            )  # fmt: skip
+        else:
+            found += self._swapped_columns(truth)
         return tuple(found)
+
+    def _swapped_columns(self, truth: GroundTruth) -> tuple[str, ...]:
+        """Return a note if the matches fit an alignment far better whose columns are swapped."""
+        if truth.positions is None or truth.positions.unit == "m":
+            return ()
+        times_us = self.reference.place_time_us, self.query_time_us
+        return swapped_sides(
+            truth, lambda: with_columns_swapped(truth, *times_us), self.matches.place,
+            self.matches.query, "alignment's columns",
+            "give the moments in the query first, or correct the names in the header",
+        )  # fmt: skip
 
     def clear_offset(
         self,
@@ -775,8 +783,8 @@ class MatchResult:
         Warns
         -----
         EdgeVprWarning
-            For each reason to doubt that the truth is that of the drives; they are also in
-            ``evaluation.truth.notes`` and in the report.
+            For each reason to doubt that two tracks are those of the drives, and if the columns of
+            an alignment seem to be swapped; also in ``evaluation.truth.notes`` and in the report.
         """
         if isinstance(truth, Alignment):
             raise UsageError(
@@ -784,7 +792,7 @@ class MatchResult:
                 "from_alignment(alignment, result.reference.place_time_us, result.query_time_us, "
                 "tolerance)"
             )
-        tracks = None
+        judge = partial(evaluate, self.matches, score=score, recall_denominator=recall_denominator)
         if isinstance(truth, GroundTruth):
             within = None if truth.positions is None else truth.positions.tolerance
             if tolerance_m not in (None, within):
@@ -792,6 +800,9 @@ class MatchResult:
                     f"tolerance_m = {tolerance_m:g}, and truth says already which matches are "
                     "correct: leave tolerance_m out, or make the truth anew with it"
                 )
+            found = judge(truth)  # refuses the truth of other drives
+            notes = self._swapped_columns(truth)
+            truth = replace(truth, notes=(*truth.notes, *notes))
         else:
             if isinstance(truth, str | Path) or not isinstance(truth, Sequence) or len(truth) != 2:
                 raise UsageError(
@@ -806,14 +817,15 @@ class MatchResult:
                 )
             tracks = _loaded(truth[0]), _loaded(truth[1])
             truth = self._truth(*tracks, tolerance_m)
-        found = evaluate(self.matches, truth, score=score, recall_denominator=recall_denominator)
-        notes = self.doubts_of(
-            truth, tracks, tolerance_m or 0.0,
-            lambda offset: f"give that track .shifted({offset.seconds:g})",
-        )  # fmt: skip
+            notes = self.doubts_of(
+                truth, tracks, tolerance_m,
+                lambda offset: f"give that track .shifted({offset.seconds:g})",
+            )  # fmt: skip
+            truth = replace(truth, notes=notes)
+            found = judge(truth)
         for note in notes:
             warnings.warn(note, EdgeVprWarning, stacklevel=2)
-        return replace(found, truth=replace(truth, notes=notes))
+        return replace(found, truth=truth)
 
     def to_frame(self, evaluation: Evaluation | None = None) -> pandas.DataFrame:
         """Return a pandas table with one row for each match; see `Matches.to_frame`.
@@ -929,8 +941,7 @@ class MatchResult:
         expect(evaluation, Evaluation, "evaluation", "what result.evaluate returned")
         if evaluation.matches != self.matches:
             raise UsageError(
-                f"evaluation is of {evaluation.matches!r}, and the result has other matches, "
-                f"{self.matches!r}: give that of this result"
+                f"evaluation is of other matches, {evaluation.matches!r}: give that of this result"
             )
 
     def save(self, folder: PathName, *, overwrite: bool = False) -> None:

@@ -121,9 +121,9 @@ def drive_notes(track: Track, times_us: Times, clock_us: int) -> tuple[str, ...]
     # one that has been shifted begins before the recording
     if clock_us >= _OTHER_CLOCK_US <= off and off_by_clock <= off and first >= 0:
         found.append(
-            f"the recording's first event, at {clock_us / 1e6:g} s on its own clock, is its start, "
-            f"and the log covers {first / 1e6:g} to {last / 1e6:g} s: if its times are on that "
-            f"clock too, shift it by {-clock_us / 1e6:g} s (Track.shifted)"
+            f"time 0 is the recording's start, at {clock_us / 1e6:g} s on its own clock, and the "
+            f"log covers {first / 1e6:g} to {last / 1e6:g} s: if these are on that clock too, "
+            f"shift it by {-clock_us / 1e6:g} s (Track.shifted)"
         )
     elif _common(track, times_us) < LEAST_COMMON:
         found.append(_covers("log", track, times_us))

@@ -548,7 +548,7 @@ def test_an_alignment_with_swapped_columns_is_doubted():
 @pytest.mark.parametrize(
     ("from_s", "until_s", "says"),
     [
-        (0, 45, r"first event, at 5 s .* shift it by -5 s \(Track"),  # one clock
+        (0, 45, r"start, at 5 s .* shift it by -5 s \(Track"),  # one clock
         (5, 45, r"shift it by -5 s"),
         (-5, 40, None),  # shifted
         (0, 40, None),  # begins with the recording

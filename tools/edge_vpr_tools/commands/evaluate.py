@@ -95,6 +95,7 @@ def _add_truth_flags(group: argparse._ActionsContainer) -> None:
 def run(args: argparse.Namespace) -> None:
     """Evaluate, print the figures, and add them to the folder."""
     from edge_vpr import results
+    from edge_vpr.evaluation.metrics import evaluate
     from edge_vpr.evaluation.tracks import with_positions
     from edge_vpr.files import read_json
     from edge_vpr.results import json_text, run_record, write_json
@@ -115,7 +116,8 @@ def run(args: argparse.Namespace) -> None:
     reference, matches = result.reference, result.matches
 
     def judged(truth: GroundTruth) -> Evaluation:
-        return result.evaluate(
+        return evaluate(  # `load_evaluated` has printed the doubts
+            matches,
             truth,
             score=args.score,
             recall_denominator=args.recall_denominator,
