@@ -502,7 +502,29 @@ def describe_query(
         At least one.
     """
     counted = count_windows(recording, reference.pixel_map, reference.settings, removed)
+    _warn_of_silence(counted)
     return reference.coded(counted)
+
+
+#: longest time without any event at which nothing is said
+_SILENT_US = 10_000_000
+
+
+def _warn_of_silence(windows: Descriptors) -> None:
+    """Warn of a long time without any event, where a clock may have jumped."""
+    silent = np.concatenate([[False], windows.events == 0, [False]])
+    edges = np.flatnonzero(silent[1:] != silent[:-1])
+    start, end = windows.start_us[edges[::2]], windows.end_us[edges[1::2] - 1]
+    at = int(np.argmax(end - start)) if start.size else 0
+    if not start.size or end[at] - start[at] < _SILENT_US:
+        return
+    warnings.warn(
+        f"the recording has no event from {start[at] / 1e6:,.0f} to {end[at] / 1e6:,.0f} s, where "
+        "a camera that stands still has noise: was it off, or did its clock jump? If it jumped, "
+        "later times are wrong: use the parts before and after alone",
+        EdgeVprWarning,
+        stacklevel=4,
+    )
 
 
 # Making a map of a reference drive: select pixels, and make its windows places.
@@ -613,6 +635,7 @@ def map_traverse(
         places = count_places(recording, pixel_map, settings, removed)
     else:
         places = pieces if parts == 1 else overlapping(pieces, parts)
+    _warn_of_silence(places)
     return coded_map(
         MapRecord(settings.uncoded, pixel_map, places, saliency.astype(np.float32), hot),
         settings,

@@ -711,8 +711,8 @@ class Recording:
         return log.origin_us, log.origin_us if start is None else start
 
 
-#: Fewest events for a check of the unit of time.
-_FEWEST = 1_000
+#: Fewest events for a check of the unit of time, and parts of which the usual rate is taken.
+_FEWEST, _PARTS = 1_000, 32
 _US_PER_UNIT = {
     "s": Fraction(10**6),
     "ms": Fraction(1000),
@@ -745,12 +745,15 @@ def _doubt(events: Events, share: float | None, sensor: Sensor, assumed: str) ->
         return ""
     steps = np.diff(events["t"])
     step_us = int(steps[steps > 0].min(initial=TIME_LIMIT_US))
+    # of most parts, since a clock that jumps makes one of them long
+    part = n // _PARTS
+    usual_us = max(1.0, float(np.median(np.diff(events["t"][::part]))) * (n - 1) / part)
 
     def oddness(factor: Fraction) -> float:
         """Return by how many powers of ten rate and duration are unusual if times are scaled."""
         if step_us * factor > _LONGEST_STEP_US:
             return math.inf
-        seconds = float(duration_us * factor) / 1e6
+        seconds = usual_us * float(factor) / 1e6
         total = seconds / min(max(share or 1.0, 1e-6), 1.0)
         rate = abs(math.log10(n / seconds / sensor.pixels / _USUAL_RATE))
         return rate + max(0.0, math.log10(_SHORTEST / total), math.log10(total / _LONGEST))
@@ -763,9 +766,10 @@ def _doubt(events: Events, share: float | None, sensor: Sensor, assumed: str) ->
             "times: save them as whole microseconds or float64, since float32 has too few digits "
             "for times since 1970"
         )
-    rate = n * 1e6 / duration_us
-    if best == assumed or (odd[assumed] < odd[best] + _DOUBTFUL and rate >= _SLOWEST):
+    usual_rate = n * 1e6 / usual_us
+    if best == assumed or (odd[assumed] < odd[best] + _DOUBTFUL and usual_rate >= _SLOWEST):
         return ""
+    rate = n * 1e6 / duration_us
     return (
         f"the first {n:,} events take {duration_us / 1e6:,.6g} s if times are in {assumed}, as "
         f"assumed, which is {rate:,.3g} events/s: if they are in {best}, which is more likely, "

@@ -187,6 +187,27 @@ def test_windows_that_hold_hardly_an_event_are_doubted(folder):
         ev.ReferenceMap.build(drive, **SMALL | {"tau": "10us", "matching": "sequence"})
 
 
+def test_a_time_without_any_event_is_named_where_a_clock_may_have_jumped(route):
+    events = events_of(1)
+    late = np.where(np.arange(events.size) < events.size // 2, 0, 20_000_000)
+    jumped = with_times(events, events["t"] + late)
+    silence = r"the recording has no event from 1 to 21 s, where"
+    with pytest.warns(ev.EdgeVprWarning, match=silence):
+        route.match(jumped)
+    with pytest.warns(ev.EdgeVprWarning, match=silence):
+        ev.ReferenceMap.build(jumped, **SMALL | {"tau": "500ms"})
+    short = with_times(events, events["t"] + late // 4)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        route.match(short)
+
+
+def with_times(events, times):
+    changed = events.copy()
+    changed["t"] = times
+    return ev.open_recording(changed, sensor=SENSOR)
+
+
 def test_fewer_pixels_than_were_asked_for_are_named(tmp_path):
     counts = np.random.default_rng(0).poisson(20, (40, 9))
     x, y = np.divmod(np.arange(9), 3)

@@ -66,7 +66,7 @@ def test_a_table_of_speed_is_integrated_by_the_mean_of_two_rows(tmp_path):
         ("time_s,distance_m\n0,1e308\n", "distances up to 1e\\+308 m"),
         ("time_s,distance_m\n1e308,1\n", "times up to 1e\\+308 s"),
         ("time_s,speed_mps\n0,1e300\n1e9,1e300\n", "has distances up to"),
-        ("time_s,speed_mps\n0,x\n", "row 1 is '0,x'"),
+        ("time_s,speed_mps\n0,x\n", "row 1 has 'x' in speed_mps"),
     ],
 )
 def test_a_table_that_is_no_odometry_is_refused(tmp_path, text, message):

@@ -412,6 +412,13 @@ def test_no_foreign_exception_passes_the_wall(error, words):
 # --- times in another unit ------------------------------------------------------------------
 
 
+def test_a_clock_that_jumps_by_an_hour_makes_no_other_unit_likely(tmp_path):
+    rng, n = np.random.default_rng(0), 60_000
+    us = np.sort(rng.integers(0, 20_000_000, n)) + np.where(np.arange(n) < n // 2, 0, 3_600_000_000)
+    columns_npz(tmp_path / "a.npz", us, x=rng.integers(0, 40, n), y=rng.integers(0, 30, n))
+    assert open_recording(tmp_path / "a.npz").remark == ""
+
+
 def test_times_in_an_assumed_unit_that_are_implausible_are_remarked(tmp_path, capsys):
     rng = np.random.default_rng(0)
     n = 3000
