@@ -231,7 +231,8 @@ module vpr_core #(
         end else if (match_taken || (finished && !has_best)) busy_q <= 1'b0;
         // no event is counted while the last window's counts are drained, or its number of events used
         pending_q      <= window_end || draining || !settled;
-        window_ready_q <= !busy_q && !window_end && settled && filter_idle;
+        // behind a reset, the first window may end before all counters are drained
+        window_ready_q <= !busy_q && !window_end && !draining && settled && filter_idle;
         if (rst_i) begin
             begun_q          <= 1'b0;
             pending_q        <= 1'b1;

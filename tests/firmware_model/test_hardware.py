@@ -46,6 +46,7 @@ from firmware_model.vectors import (
     verify,
     write_suites,
 )
+from firmware_model.vectors.case import Stream
 from firmware_model.vectors.random_cases import random_adaptive_design, random_cases, random_design
 from firmware_model.verification import hardware_mutants as mutants
 from firmware_model.verification import proof
@@ -117,6 +118,28 @@ def test_the_core_returns_random_cases_of_random_designs(tmp_path, seed):
     outcome = replay.hold(folder, Conditions(seed=seed, stall=30, resets=2))
     assert outcome.differences == []
     assert outcome.compared["event"] == 2000
+
+
+@needs_iverilog
+@pytest.mark.parametrize("matching", ["sequence", "filter"])
+@pytest.mark.parametrize("code", ["counts", "contrast"])
+def test_the_first_windows_may_end_before_all_counters_are_drained(tmp_path, matching, code):
+    """Its clock starts sooner than it drains 20 counters, and at once comes an event of later."""
+    design = replace(
+        DESIGN, pixels=20, places=2, length=1, code=code, matching=matching, lookup_depth=0,
+        window="time", tau_us=20, timestamp_bits=7,
+    )  # fmt: skip
+    stream = Stream(design)
+    stream.skip(2)
+    for window in range(3):
+        stream.fill([(slot + window) % 3 for slot in range(design.slots)])
+    stream.close()
+    case = stream.case("silent", [[slot % 3 + k for slot in range(design.slots)] for k in range(2)])
+    write_suites(tmp_path / "v", design, {"silent": [case]}, 3, rtl=True)
+    for conditions in (Conditions(), Conditions(reset_at=700), Conditions(5, stall=40, resets=1)):
+        outcome = replay.hold(tmp_path / "v", conditions)
+        assert outcome.differences == []
+        assert outcome.compared["window"] == 5
 
 
 @needs_iverilog
