@@ -413,6 +413,8 @@ SENTENCES: list[tuple[str, str, Callable[[], object]]] = [
      lambda: clock("place filter, contrast codes", "iCE40UP5K")),
     ("results_cost", "on an ECP5 {} to {} MHz",
      lambda: clock("place filter, contrast codes", "ECP5-25F")),
+    ("results_cost", "the filter of counts reaches {} to {} MHz",
+     lambda: clock("place filter", "ECP5-25F")),
     ("results_methods", "in more than {:.2f} of the windows live, or {:.2f} smoothed",
      lambda: (nulls("", "*, live"), nulls(", smoothed", "*, recorded"))),
     ("results_methods", "our places take {:.0f} bytes, theirs {:,.0f} and {:,.0f}",
