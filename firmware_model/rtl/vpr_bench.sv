@@ -5,7 +5,8 @@
 // With stalls, the places are offered again from the first word on behind each window's end, at any
 // clock: while a match is computed they have to wait.
 //
-// With `reset_at` there is one reset, of one clock, so many clocks after the first; the places stay.
+// With `reset_at` there is one reset, of one clock, so many clocks after the first; the places stay,
+// and all results are taken in that clock, too.
 //
 // +case=NAME +results=FILE +seed=N +stall=PER_CENT +resets=N +reset_at=N +trace=FILE.vcd
 `timescale 1ns / 1ps
@@ -98,9 +99,9 @@ module vpr_bench #(
             start_activity = activity[ACTIVITY_BITS-1:0];
             s_event_tvalid = 1'b0;
             s_place_tvalid = 1'b0;
-            m_event_tready = 1'b0;
-            m_window_tready = 1'b0;
-            m_match_tready = 1'b0;
+            m_event_tready = reset_at > 0;
+            m_window_tready = reset_at > 0;
+            m_match_tready = reset_at > 0;
             s_event_tdata = 'x;
             s_place_tdata = 'x;
             events_given = 0;
