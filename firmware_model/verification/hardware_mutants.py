@@ -80,9 +80,9 @@ _MANY = replace(
 )  # fmt: skip
 #: designs that are reset at each of some clocks, and their number of events: at all phases of a
 #: place's sum, whose terms end after the next window begins, of a window of the filter, and of
-#: contrast codes, and of sequences. The last is reset from the first event of a window to its match;
-#: behind that, the first windows are silent and end before the counters are drained, so that an
-#: event that is left from before would be their only one
+#: contrast codes, and of sequences. The last is reset from the first event of a window to its
+#: match; behind that, the first windows are silent and end before the counters are drained, so that
+#: an event that is left from before would be their only one
 EVERY_CLOCK = {
     "reset_sum": (replace(QUICK, places=16), 17, range(60, 76)),
     "reset_match": (replace(QUICK, matching="filter", length=1, places=3), 3, range(347, 384)),
