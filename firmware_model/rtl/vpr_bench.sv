@@ -6,7 +6,7 @@
 // clock: while a match is computed they have to wait.
 //
 // With `reset_at` there is one reset, of one clock, so many clocks after the first; the places stay,
-// and all results are taken in that clock, too.
+// and in that clock the bench is ready for all results, which no record has.
 //
 // +case=NAME +results=FILE +seed=N +stall=PER_CENT +resets=N +reset_at=N +trace=FILE.vcd
 `timescale 1ns / 1ps

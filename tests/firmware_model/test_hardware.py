@@ -64,9 +64,8 @@ DESIGN = Design(
     lanes=4,
 )
 FILTER = replace(DESIGN, matching="filter", length=1)
-ADAPTIVE = replace(FILTER, code="contrast")
 #: what a map has by default
-BY_ACTIVITY = replace(FILTER, code="contrast")
+ADAPTIVE = replace(FILTER, code="contrast")
 
 
 def needs(*tools):
@@ -288,8 +287,8 @@ def test_an_event_is_taken_in_each_clock(tmp_path, slow_blocks):
         replace(ADAPTIVE, window="count", lanes=9, places=9),
         replace(ADAPTIVE, window="count", places=90, lanes=2),
         replace(FILTER, window="count", places_per_window=2),
-        replace(BY_ACTIVITY, window="count", places=70),
-        replace(BY_ACTIVITY, window="count", places=120, places_per_window=2),
+        replace(ADAPTIVE, window="count", places=70),
+        replace(ADAPTIVE, window="count", places=120, places_per_window=2),
     ],
 )
 def test_a_match_takes_the_clocks_that_the_documentation_says(tmp_path, design):
@@ -469,8 +468,8 @@ KINDS = [
     replace(ADAPTIVE, trust=100),
     replace(FILTER, window="count", places=1, lanes=9),
     replace(DESIGN, code="contrast", code_bits=8),
-    replace(BY_ACTIVITY, restart=16),
-    replace(BY_ACTIVITY, places_per_window=2),
+    replace(ADAPTIVE, restart=16),
+    replace(ADAPTIVE, places_per_window=2),
     replace(DESIGN, code="contrast"),
 ]
 
@@ -571,8 +570,8 @@ def test_the_board_returns_matches_through_its_spi(tmp_path, suite, name):
     [
         ("corners", "tie_of_three", replace(DESIGN, lanes=13)),
         ("filter", "contrasts", ADAPTIVE),
-        ("filter", "by_activity", BY_ACTIVITY),
-        ("filter", "half_places", BY_ACTIVITY),
+        ("filter", "by_activity", ADAPTIVE),
+        ("filter", "half_places", ADAPTIVE),
         ("random", "random_0", replace(FILTER, timestamp_bits=40, places=5)),
     ],
 )
