@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
@@ -97,15 +97,15 @@ def make_events(
     Parameters
     ----------
     t, x, y, p : array_like, shape (n,)
-        Times in microseconds, columns, rows, polarities (greater than 0 is ON; all ON if absent).
+        Times in whole microseconds, columns, rows, polarities (greater than 0 is ON; all ON if
+        absent).
 
     Returns
     -------
     ndarray of EVENT_DTYPE, shape (n,)
     """
     for name, values in (("t", t), ("x", x), ("y", y), ("p", 0 if p is None else p)):
-        if np.asarray(values).dtype.kind not in "biuf":
-            raise EventError(f"column {name} holds {np.asarray(values).dtype}: give numbers")
+        _check_numbers(name, np.asarray(values))
     times = np.asarray(t)
     events = np.empty(times.shape, dtype=EVENT_DTYPE)
     for name, column in (("x", np.asarray(x)), ("y", np.asarray(y))):
@@ -123,6 +123,48 @@ def make_events(
     events["t"] = times
     events["p"] = True if p is None else np.asarray(p) > 0
     return events
+
+
+def _check_numbers(name: str, column: npt.NDArray[Any]) -> None:
+    """Raise EventError unless the values of a column are numbers, whole ones but of polarity."""
+    if column.dtype.kind not in "biuf":
+        raise EventError(
+            f"column {name} holds {column.dtype}: give numbers ({name}.astype(int), if they are)"
+        )
+    if column.dtype.kind == "f":
+        whole = (column == np.floor(column)) & (np.abs(column) <= TIME_LIMIT_US)
+        good = np.isfinite(column) if name == "p" else whole
+        if not good.all():
+            give = {"t": "whole microseconds, of seconds np.rint(t * 1e6)", "p": "numbers"}
+            raise EventError(
+                f"column {name} holds {column[~good][0]}: give {give.get(name, 'whole numbers')}"
+            )
+
+
+def as_events(given: object) -> Events:
+    """Return an array with the fields t, x, y and perhaps p, of any types, as an event array."""
+    check_event_array(given)
+    assert isinstance(given, np.ndarray)
+    if given.dtype == EVENT_DTYPE:
+        return given
+    return make_events(*(given[name] for name in "txyp" if name in given.dtype.names))
+
+
+def in_order(chunks: Iterable[Events], sensor: Sensor) -> Iterator[Events]:
+    """Yield the event arrays of a source outside of this package, none of them empty.
+
+    Raises
+    ------
+    EventError
+        If time runs backwards, also between two arrays, or a pixel lies off the sensor.
+    """
+    last = None
+    for chunk in chunks:
+        events = as_events(chunk)
+        check_events(events, sensor, after=last)
+        if events.size:
+            last = int(events["t"][-1])
+            yield events
 
 
 def check_events(events: Events, sensor: Sensor, *, after: int | None = None) -> None:

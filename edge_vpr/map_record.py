@@ -589,6 +589,7 @@ def map_traverse(
     # counts, so that maps with different codes have the same pixels
     needs_events = settings.window == "count" or settings.polarity
     parts = 1 if needs_events else settings.window_parts
+    stream = None
     with PixelStatistics(sensor, clip=settings.clip, parts=parts) as first:
         if isinstance(recording, WindowSource):
             check_windows_only(settings)
@@ -603,7 +604,7 @@ def map_traverse(
         for window in windows:
             first.add(window)
         if first.windows == 0:
-            raise too_short(FixedTime(settings.tau_us))
+            raise too_short(FixedTime(settings.tau_us), stream)
         counted = np.ones((sensor.height, sensor.width), dtype=np.bool_)
         if isinstance(recording, WindowSource):
             counted = recording.counted

@@ -265,7 +265,8 @@ class SettingField:
                 + f", {PLUGIN}NAME" * self.plugins
             )
         if self.is_number and not self._in_range(value):
-            limit = f", up to {self.most:g}" if self.range.endswith("more") else ""
+            too_large = self.range.endswith("more") and value > self.most
+            limit = f", up to {self.most:g}" if too_large else ""
             raise UsageError(f"setting {self.name} = {shown(value)}: expected {self.range}{limit}")
         if self.valid is not None and not self.valid(value):
             raise UsageError(f"setting {self.name} = {shown(value)}: expected {self.expected}")

@@ -33,6 +33,7 @@ from edge_vpr.events import (
     SensorSize,
     check_event_array,
     check_events,
+    in_order,
 )
 from edge_vpr.recordings import EventData, open_recording
 from edge_vpr.recordings.memory import is_event_data
@@ -325,7 +326,7 @@ class DescriptorStream:
         self._counted = 0  # events still missing in a fixed-count window
         self._events = 0  # events of the open window at any pixel
         self._start = 0
-        self._last = 0
+        self.last_us = 0
 
     def update(self, events: Events) -> Descriptors:
         """Feed the next events.
@@ -351,7 +352,7 @@ class DescriptorStream:
             yield from self._fixed_time(events, int(events["t"][-1]), self._window.tau_us)
         else:
             yield from self._fixed_count(events, self._window.events)
-        self._last = int(events["t"][-1])
+        self.last_us = int(events["t"][-1])
 
     def advance(self, until_us: int) -> Iterator[WindowCounts]:
         """Advance the time without events, and yield the windows of fixed time that end by then.
@@ -367,7 +368,7 @@ class DescriptorStream:
     def finish(self) -> Descriptors:
         """Return the incomplete last window, if it has events."""
         # the end of a fixed-time window does not belong to it
-        end = self._last + 1 if isinstance(self._window, FixedTime) else self._last
+        end = self.last_us + 1 if isinstance(self._window, FixedTime) else self.last_us
         last = [self._take(self._start, end)] if self._events else []
         return collect(iter(last), self._counts.size)
 
@@ -523,7 +524,7 @@ class EventSource(Protocol):
         ...
 
     def __iter__(self) -> Iterator[Events]:
-        """Yield event arrays from the start, in time order, on the sensor."""
+        """Yield event arrays from the start, in time order, on the sensor; they are checked."""
         ...
 
 
@@ -665,7 +666,9 @@ def cleaned(
     removed = Removed() if removed is None else removed
     removed.events = removed.burst_events = 0
     bursts = BurstFilter(recording.sensor) if settings.remove_bursts else None
-    for events in recording:
+    # a recording that counts its faults has checked its events
+    checked = hasattr(recording, "faults")
+    for events in recording if checked else in_order(recording, recording.sensor):
         removed.events += int(events.size)
         if bursts is None:
             yield events
@@ -730,6 +733,7 @@ def count_windows(
         If the recording is shorter than a window.
     """
     check_sensor(recording.sensor, pixel_map.sensor)
+    stream = None
     if isinstance(recording, WindowSource):
         check_counted(recording, pixel_map, settings)
         flat = pixel_map.y.astype(np.int64) * pixel_map.sensor.width + pixel_map.x
@@ -741,7 +745,7 @@ def count_windows(
         windows = event_windows(recording, stream, settings, removed)
     counted = collect(windows, len(pixel_map) * (2 if settings.polarity else 1))
     if len(counted) == 0:
-        raise too_short(window_of(settings))
+        raise too_short(window_of(settings), stream)
     return replace(counted, selected=counted.selected_events)
 
 
@@ -806,9 +810,11 @@ def window_of(settings: Settings) -> Window:
     return FixedCount(settings.events_per_window)
 
 
-def too_short(window: Window) -> UsageError:
-    """Return the error of a recording without a whole window."""
+def too_short(window: Window, stream: DescriptorStream | None = None) -> UsageError:
+    """Return the error of a recording without a whole window, whose events `stream` got."""
+    last_us = 0 if stream is None else stream.last_us
+    end = f", its last event is at {last_us / 1e6:g} s" if last_us else ""
     return UsageError(
-        f"the recording is shorter than one window of {window}: "
+        f"the recording is shorter than one window of {window}{end}: "
         "take shorter windows, or a longer drive"
     )

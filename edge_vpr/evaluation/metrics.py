@@ -225,7 +225,7 @@ class Evaluation:
         With which they were compared.
     recall_at : dict of int to float
         Recall@N: share of the evaluated queries with a true place that have one among the N
-        nearest. A query counts as missed only if all of its N nearest places can be judged.
+        nearest. A place whose position is not known is none.
     score, recall_denominator : str
         Score that the threshold applies to, and denominator of recall; see `evaluate`.
     rejection : Rejection
@@ -370,9 +370,9 @@ def evaluate(
         has_place[evaluated],
         recall_denominator=recall_denominator,
     )
+    findable = evaluated & has_place
     some = matches.candidates >= 0
     hit = truth.correct[matches.candidates, matches.query[:, None]] & some
-    unsure = some & ~truth.judged(matches.candidates, matches.query[:, None])
     rated = evaluated & ~np.isnan(matches.probability)
     return Evaluation(
         queries=int(np.count_nonzero(evaluated)),
@@ -387,7 +387,7 @@ def evaluate(
         truth=truth,
         curve=curve,
         recall_at={
-            n: _recall_at(hit[:, :n], unsure[:, :n], evaluated & has_place)
+            n: int(np.count_nonzero(hit[findable, :n].any(axis=1))) / max(findable.sum(), 1)
             for n in RECALL_AT
             if n <= matches.candidates.shape[1]
         },
@@ -403,23 +403,6 @@ def evaluate(
         if rated.any()
         else None,
     )
-
-
-def _recall_at(
-    hit: npt.NDArray[np.bool_], unsure: npt.NDArray[np.bool_], counted: npt.NDArray[np.bool_]
-) -> float:
-    """Return the share of counted queries with a hit, without those that cannot be judged.
-
-    Parameters
-    ----------
-    hit, unsure : ndarray of bool, shape (n, N)
-        Whether each of the nearest places is correct, and whether that is not known.
-    counted : ndarray of bool, shape (n,)
-        Whether each match is judged, and has a correct place.
-    """
-    found = hit.any(axis=1) & counted
-    sure = found | (counted & ~unsure.any(axis=1))
-    return int(np.count_nonzero(found)) / max(int(np.count_nonzero(sure)), 1)
 
 
 def _falling(matches: Matches, score: Score) -> npt.NDArray[np.float64]:

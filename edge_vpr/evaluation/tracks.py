@@ -388,7 +388,10 @@ def unit_doubts(track: Track) -> tuple[str, ...]:
             f"{speed} looks like degrees: name its columns latitude and longitude in a .csv table "
             "(of a Track, kind='geographic')"
         )
-    return (f"{speed} hardly moves: are its positions in kilometres? Give metres",)
+    return (
+        f"{speed} hardly moves: are its positions in kilometres, or its times in ms, us or ns? "
+        "Give metres and seconds",
+    )
 
 
 def seconds_remedy(track: Track, times_us: npt.NDArray[Any]) -> str:
@@ -396,7 +399,10 @@ def seconds_remedy(track: Track, times_us: npt.NDArray[Any]) -> str:
     last, end = int(track.time_us[-1]), int(times_us.max())
     if not 0 < last * _SHORTEST_SHARE < end:
         return ""
-    return "time_us is in microseconds: of seconds, give a table with time_s (load_track)"
+    return (
+        f"its times end at {last / 1e6:g} s and the drive at {end / 1e6:g} s: give a longer track, "
+        "or of seconds a table with time_s (load_track)"
+    )
 
 
 # The positions of a map's places, from the track of the reference drive.

@@ -20,11 +20,18 @@ from edge_vpr.archive import (
     write_archive,
 )
 from edge_vpr.confidence import Confidence
-from edge_vpr.descriptors.counting import check_columns, window_of
+from edge_vpr.descriptors.counting import window_of
 from edge_vpr.descriptors.pixels import PixelMap
 from edge_vpr.descriptors.windows import Descriptors, FixedTime, Window
 from edge_vpr.errors import EventError, UsageError, expect
-from edge_vpr.events import EVENT_DTYPE, TIME_LIMIT_US, Events, Sensor, check_event_array
+from edge_vpr.events import (
+    EVENT_DTYPE,
+    TIME_LIMIT_US,
+    Events,
+    Sensor,
+    as_events,
+    check_event_array,
+)
 from edge_vpr.map_record import MapRecord
 from edge_vpr.matching.prediction import check_no_transitions
 from edge_vpr.online.kernels import REFUSED, check_order
@@ -151,7 +158,7 @@ class Localiser:
             if not events.size:
                 return NO_MATCHES
             if type(events) is not np.ndarray or events.dtype != EVENT_DTYPE:
-                events = self._plain(events)
+                events = as_events(events)
             elif not events.flags.carray:
                 events = events.copy()
         except (AttributeError, IndexError, ValueError):
@@ -166,13 +173,6 @@ class Localiser:
         """Raise the error of events of EVENT_DTYPE, if there is one."""
         check_order(events, self.run.floor_us, self._reference.pixel_map.sensor)
         self.every.check_ticks(self.run.next_tick, int(events["t"][-1]))
-
-    def _plain(self, events: Events) -> Events:
-        """Return events of another layout as an array of EVENT_DTYPE."""
-        check_columns(events["x"], events["y"], None)
-        plain = np.zeros(events.shape, dtype=EVENT_DTYPE)
-        plain["t"], plain["x"], plain["y"] = events["t"], events["x"], events["y"]
-        return plain
 
     @property
     def selected(self) -> int:

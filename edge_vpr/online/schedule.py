@@ -84,7 +84,8 @@ class MatchSchedule:
         if self.interval_us and (until_us - from_us) // self.interval_us > MAX_WINDOWS:
             raise UsageError(
                 f"time jumps to {until_us} us, over more than {MAX_WINDOWS} times every "
-                f"{self.interval_us} us: check the recording's clock, or ask less often"
+                f"{self.interval_us} us: check the recording's clock, whose times count from the "
+                "first event in microseconds, or ask less often"
             )
 
 

@@ -32,7 +32,7 @@ from edge_vpr.errors import (
     as_path,
     expect,
 )
-from edge_vpr.events import Events, Sensor, SensorSize, check_events
+from edge_vpr.events import Events, Sensor, SensorSize, in_order
 from edge_vpr.files import check_absent, open_input, replacing
 from edge_vpr.plugins import Registry
 from edge_vpr.recordings.decoding import ArrayStream
@@ -474,14 +474,11 @@ def write_recording(
 
 
 def _fill(sink: Sink, chunks: Iterable[Events], sensor: Sensor) -> int:
-    n, last = 0, None
+    n = 0
     try:
-        for events in chunks:
-            check_events(events, sensor, after=last)
-            if events.size:
-                sink.write(events)
-                n += events.size
-                last = int(events["t"][-1])
+        for events in in_order(chunks, sensor):
+            sink.write(events)
+            n += events.size
     except BaseException:
         with contextlib.suppress(EdgeVprError, OSError):
             sink.close()  # the first error is reported

@@ -200,6 +200,11 @@ def _damaged(path: Path, place: str, error: BaseException) -> RecordingError:
 _REMEDY = "read with on_fault='drop': {them} left out and counted"
 #: Share of faulty entries above which dropping them is no remedy.
 _NEARLY_ALL = 0.9
+#: Share of events off the sensor above which a camera's faulty words are not their cause.
+_MANY_OFF = 0.001
+_OFF_CAUSES = (
+    "check sensor=, whether x and y are swapped (columns='tyxp'), and whether they count from 1"
+)
 _CHECKS = (
     "check sensor=, columns=, time_unit= and format=, and whether a time before them is far "
     "too late"
@@ -342,15 +347,30 @@ class FaultLog:
     def unreadable(self, n: int, where: str, total: int | None = None) -> None:
         """Report `n` of `total` entries that are not events, the first of them at `where`."""
         if not self.drop:
-            raise RecordingError(f"{self.path}: {where}: {self._remedy(n, total, 'such entries')}")
+            raise RecordingError(self._fault(where, n, total, "such entries"))
         self.first_unreadable = self.first_unreadable or where
         self.faults.unreadable += n
 
-    def _remedy(self, bad: int, total: int | None, them: str) -> str:
-        """Return what to do about `bad` of the next `total` entries."""
+    def _fault(
+        self, what: str, bad: int, total: int | None, them: str, first: str = "", off: int = 0
+    ) -> str:
+        """Return the error of the first of `bad` faults among the next `total` entries.
+
+        Parameters
+        ----------
+        first : str
+            What to try before all else.
+        off : int
+            How many of them lie off the sensor.
+        """
+        remedy = _REMEDY.format(them=f"{them} are")
         if total is not None and bad > _NEARLY_ALL * (self._good + total):
-            return f"and so are {bad:,} of {total:,} entries there: {_CHECKS}"
-        return _REMEDY.format(them=f"{them} are")
+            what += f", and {bad:,} of {total:,} entries there are faulty"
+            remedy = _CHECKS
+        elif total is not None and off > max(1, _MANY_OFF * (self._good + total)):
+            what += f", and so do {off / total:.1%} of the events there"
+            first = f"{_OFF_CAUSES}; if not, "
+        return f"{self.path}: {what}: {first}{remedy}"
 
     def undated(self, n: int) -> None:
         """Report `n` events before the first time word; never an error."""
@@ -392,10 +412,13 @@ class FaultLog:
             what = f"time {t[i]} us lies beyond 2**60 us{unit_remedy(int(t[i]))}"
             self.first_unreadable = self.first_unreadable or what
         if not self.drop:
-            remedy = self._remedy(int(np.count_nonzero(~good)), good.size, "such events")
-            if (np.diff(t[late]) < 0).any():
-                remedy = f"sort the events by t, or {remedy}"
-            raise RecordingError(f"{self.path}: event {self.entries + i:,}: {what}: {remedy}")
+            first = "sort the events by t, or " if (np.diff(t[late]) < 0).any() else ""
+            raise RecordingError(
+                self._fault(
+                    f"event {self.entries + i:,}: {what}", int(np.count_nonzero(~good)), good.size,
+                    "such events", first, 0 if on[i] else int(np.count_nonzero(~on & known)),
+                )
+            )  # fmt: skip
         self.faults.unreadable += int(np.count_nonzero(~known))
         self.faults.off_sensor += int(np.count_nonzero(~on & known))
         self.faults.backwards += int(np.count_nonzero(late))
@@ -693,16 +716,21 @@ class Recording:
         with contextlib.closing(self._walk(log)) as chunks:
             first = next(chunks, None)
         if first is None:
-            lost = f" (dropped: {log.faults})" if log.faults.total else ""
+            lost = f" ({log.faults})" if log.faults.total else ""
             raise RecordingError(
                 f"{self.path} holds no events of a {self.sensor} sensor{lost}: "
-                + (log.first_unreadable or "check the file, its format and its sensor")
+                + (log.first_unreadable or "check its format, its sensor, and whether it is empty")
             )
         assert log.origin_us is not None
         start = self._source.start_us
         if start is not None and abs(start) > TIME_LIMIT_US:
             raise RecordingError(
                 f"{self.path} begins at {start} us, beyond 2**60 us: copy or record it again"
+            )
+        if self._on_fault == "drop" and log.faults.off_sensor > max(1, _MANY_OFF * log.entries):
+            log.remark(
+                f"{log.faults.off_sensor / log.entries:.1%} of the first {log.entries:,} events "
+                f"lie off the {self.sensor} sensor and are left out: {_OFF_CAUSES}"
             )
         if log.assumed_unit is not None:
             log.remark(_doubt(first, self._source.position, self.sensor, log.assumed_unit))
@@ -725,7 +753,7 @@ _USUAL_RATE, _SLOWEST, _SHORTEST, _LONGEST = 3.0, 1_000.0, 1.0, 3_600.0
 #: A unit is doubted if another one is more usual by `_DOUBTFUL` powers of ten, or if the shortest
 #: step between times exceeds `_LONGEST_STEP_US`. A unit that is odd by more than `_IMPOSSIBLE`
 #: powers of ten is not proposed.
-_DOUBTFUL, _LONGEST_STEP_US, _IMPOSSIBLE = 2.0, 10_000, 4.0
+_DOUBTFUL, _LONGEST_STEP_US, _IMPOSSIBLE = 2.0, 2_000, 4.0
 
 
 def _doubt(events: Events, share: float | None, sensor: Sensor, assumed: str) -> str:
@@ -751,7 +779,8 @@ def _doubt(events: Events, share: float | None, sensor: Sensor, assumed: str) ->
 
     def oddness(factor: Fraction) -> float:
         """Return by how many powers of ten rate and duration are unusual if times are scaled."""
-        if step_us * factor > _LONGEST_STEP_US:
+        # whole numbers have steps of one unit, whatever it is
+        if step_us > 1 and step_us * factor > _LONGEST_STEP_US:
             return math.inf
         seconds = usual_us * float(factor) / 1e6
         total = seconds / min(max(share or 1.0, 1e-6), 1.0)
@@ -764,7 +793,7 @@ def _doubt(events: Events, share: float | None, sensor: Sensor, assumed: str) ->
         return (
             f"among the first {n:,} events there are {np.unique(events['t']).size:,} different "
             "times: save them as whole microseconds or float64, since float32 has too few digits "
-            "for times since 1970"
+            "for such times"
         )
     usual_rate = n * 1e6 / usual_us
     if best == assumed or (odd[assumed] < odd[best] + _DOUBTFUL and usual_rate >= _SLOWEST):

@@ -119,6 +119,8 @@ def array_columns(
         wanted = order or ("txy" if shape[1] == 3 else "txyp")
         if shape[1] == len(wanted):
             return ArrayColumns({each: i for i, each in enumerate(wanted) if each != "-"}, None)
+        if shape[0] == len(wanted):
+            raise RecordingError(f"{name} has shape {shape}, a row a column: transpose it (.T)")
     raise RecordingError(
         f"{name} has shape {shape} and dtype {dtype}, which are no events: "
         "save a structured array with fields t, x, y, p, or columns in that order (or columns=)"
@@ -317,8 +319,8 @@ def tidy(
     for name, column in columns.items():
         if column.dtype.kind not in ("iufmM" if name == "t" else "iufb") or column.ndim != 1:
             raise RecordingError(
-                f"{log.path}: column {name} has dtype {column.dtype} and {column.ndim} "
-                "dimensions: events need one whole number or fraction each"
+                f"{log.path}: column {name} has dtype {column.dtype} and shape {column.shape}: "
+                f"give one number an event, of text or objects {name}.astype(float)"
             )
     if unit is None and columns["t"].dtype.kind in "iuf":
         unit = log.assumed_unit = log.assumed_unit or usual_unit(columns["t"])
@@ -337,7 +339,7 @@ def tidy(
     if not good.all():
         first = int(np.flatnonzero(~good)[0])
         values = ", ".join(f"{name} = {column[first]}" for name, column in columns.items())
-        what = f"entry {entry + first:,} is no event ({values})"
+        what = f"entry {entry + first:,} is no event ({values}; x and y are whole numbers)"
         if not known[first] and columns["t"].dtype.kind in "iuf":
             what += unit_remedy(columns["t"][first].item())
         log.unreadable(int(np.count_nonzero(~good)), what, good.size)

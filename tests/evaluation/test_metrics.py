@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import naive
 import numpy as np
 import pytest
@@ -162,3 +164,14 @@ def test_unknown_choices_are_wrong_use():
         evaluate(matches, truth_of(np.eye(2)), score="likelihood")
     with pytest.raises(UsageError, match="choose from rejected-correct, all-with-place"):
         evaluate(matches, truth_of(np.eye(2)), recall_denominator="all")
+
+
+def test_a_query_is_missed_where_a_near_place_has_no_position():
+    """The figure's denominator is the same for each number of nearest places."""
+    places, queries = descriptors([[0], [5], [9], [10], [11], [12], [13]]), descriptors([[0], [8]])
+    matches = match_descriptors(places, queries, Settings(sequence_length=1))
+    correct = np.zeros((7, 2), dtype=bool)
+    correct[0] = True  # the sixth nearest of the second query
+    placed = np.arange(7) != 3
+    found = evaluate(matches, replace(truth_of(correct), placed=placed))
+    assert (found.recall_at[1], found.recall_at[5], found.recall_at[10]) == (0.5, 0.5, 1.0)

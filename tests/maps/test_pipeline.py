@@ -16,7 +16,7 @@ from edge_vpr.descriptors.cleaning import BURST_SHARE, BURST_SLOT_US, HOT_FACTOR
 from edge_vpr.descriptors.counting import count_windows
 from edge_vpr.descriptors.pixels import PixelMap, PixelStatistics
 from edge_vpr.descriptors.windows import PublishedWindows, WindowCounts
-from edge_vpr.errors import MapError, UsageError
+from edge_vpr.errors import EventError, MapError, UsageError
 from edge_vpr.events import Sensor, make_events
 from edge_vpr.map_record import describe
 from edge_vpr.recordings import open_recording
@@ -413,3 +413,46 @@ def test_a_drive_of_count_frames_has_as_many_matches_as_frames(changes, tmp_path
     live = route.match(tmp_path / "frames.npz", every="window")
     assert windows.queries.counts.tolist() == events.queries.counts.tolist()
     assert len(events) == len(live) == len(live.windows) == 30
+
+
+def wrongly_cut(events):
+    """Arrays that a source of one's own must not yield, with what is wrong about them."""
+    off = events.copy()
+    off["x"][7] = SENSOR.width
+    wide = events.astype([("t", "f8"), ("x", "f8"), ("y", "i4"), ("p", "i1")])
+    wide["x"][7] += 0.5
+    return {
+        "two chunks": [events[100:], events[:100]],
+        "backwards at event 1": [events[::-1]],
+        "between": [events[::2], events[1::2]],
+        "off the 9x7 sensor": [off],
+        "column x holds": [wide],
+        "events are a tuple": [tuple(events[name] for name in "txyp")],
+    }
+
+
+def test_a_source_of_ones_own_is_held_to_order_and_sensor():
+    events = busy_drive(np.random.default_rng(1), 900)
+    route = ReferenceMap.build(Drive(events, SENSOR), SMALL)
+    for words, chunks in wrongly_cut(events).items():
+        own = Drive(events, SENSOR)
+        own._chunks = chunks
+        for use in (lambda drive: ReferenceMap.build(drive, SMALL), route.match):
+            with pytest.raises(EventError, match=words):
+                use(own)
+
+
+def test_a_source_of_ones_own_may_yield_the_fields_of_events_in_any_type():
+    events = busy_drive(np.random.default_rng(1), 900)
+    wide = events.astype([("t", "f8"), ("x", "f8"), ("y", "i4"), ("p", "i1")])
+    own = Drive(wide[["y", "x", "t"]], SENSOR)
+    assert ReferenceMap.build(own, SMALL) == ReferenceMap.build(Drive(events, SENSOR), SMALL)
+
+
+def test_a_short_recording_says_where_it_ends():
+    events = busy_drive(np.random.default_rng(1), 900)
+    end = events["t"][-1] / 1e6
+    with pytest.raises(UsageError, match=f"its last event is at {end:g} s"):
+        ReferenceMap.build(
+            Drive(events, SENSOR), SMALL.replaced({"tau_us": 10**9, "remove_bursts": False}, "")
+        )

@@ -7,8 +7,14 @@ import numpy as np
 import pytest
 
 from edge_vpr import ReferenceMap, open_recording, write_recording
-from edge_vpr.errors import EdgeVprError, RecordingError, UsageError
-from edge_vpr.events import EVENT_DTYPE, Sensor
+from edge_vpr.errors import (
+    EdgeVprError,
+    EdgeVprWarning,
+    EventError,
+    RecordingError,
+    UsageError,
+)
+from edge_vpr.events import EVENT_DTYPE, Sensor, make_events
 from edge_vpr.simulation import simulate_pair
 
 
@@ -202,3 +208,52 @@ def test_a_recording_that_is_a_tuple_is_taken_as_the_recording_that_it_is(drives
     drive = Drive(drives[0].sensor, np.concatenate(list(drives[0])))
     expected = ReferenceMap.build(drives[0], **settings)
     assert ReferenceMap.build(drive, **settings).places == expected.places
+
+
+@pytest.mark.parametrize(
+    ("columns", "words"),
+    [
+        (([0.5], [1], [1]), "column t holds 0.5: give whole microseconds"),
+        (([np.nan], [1], [1]), "column t holds nan"),
+        (([np.inf], [1], [1]), "column t holds inf"),
+        (([1], [1.7], [1]), "column x holds 1.7: give whole numbers"),
+        (([1], [1], [1], [np.nan]), "column p holds nan: give numbers"),
+    ],
+)
+def test_events_are_not_made_of_numbers_that_would_be_cut_off(columns, words):
+    with pytest.raises(EventError, match=words):
+        make_events(*columns)
+    whole = make_events([1.0], [2.0], [3.0], [0.5])
+    assert whole.tolist() == [(1, 2, 3, True)]
+
+
+def test_many_events_off_the_sensor_name_their_causes(events):
+    columns = four(events)
+    columns[1] = columns[1] + 1
+    with pytest.raises(RecordingError, match=r"and so do .*%.* x and y are swapped"):
+        list(open_recording(columns, sensor="32x32"))
+    with pytest.warns(EdgeVprWarning, match="off the 32x32 sensor and are left out: check sensor="):
+        open_recording(columns, sensor="32x32", on_fault="drop")
+
+
+def test_whole_seconds_are_taken_for_seconds_and_not_milliseconds(events):
+    columns = four(events)
+    columns[0] = columns[0] // 1_000_000
+    with pytest.warns(EdgeVprWarning, match="more likely, pass time_unit='s'"):
+        open_recording(columns, sensor="32x32")
+
+
+def test_seconds_of_few_digits_are_remarked_on(events):
+    columns = four(events)
+    columns[0] = (columns[0] / 1e6 + 1e5).astype(np.float32)
+    with pytest.warns(EdgeVprWarning, match="float32 has too few digits"):
+        open_recording(columns, sensor="32x32")
+
+
+def test_columns_of_text_and_columns_as_rows_name_their_remedy(events):
+    columns = four(events)
+    with pytest.raises(RecordingError, match=r"transpose it \(\.T\)"):
+        open_recording(np.array(columns), sensor="32x32")
+    columns[1] = columns[1].astype(str)
+    with pytest.raises(RecordingError, match=r"x\.astype\(float\)"):
+        open_recording(columns, sensor="32x32")

@@ -517,7 +517,7 @@ def test_where_nearly_all_events_are_faulty_none_is_read(suffix, tmp_path):
     far[10] += 10**9
     for i, table in enumerate(((t, x + 60, y, p), (far, x, y, p))):
         path = write_table(tmp_path / f"{i}{suffix}", *table)
-        with pytest.raises(RecordingError, match="and so are") as raised:
+        with pytest.raises(RecordingError, match="entries there are faulty") as raised:
             list(open_recording(path, sensor=SENSOR))
         assert "drop" not in str(raised.value)
         with pytest.raises(RecordingError, match="nearly all of its entries are faulty"):

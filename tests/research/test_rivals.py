@@ -30,6 +30,7 @@ from test_network_baselines import conv_model
 
 from edge_vpr.descriptors.pixels import PixelMap
 from edge_vpr.descriptors.windows import Descriptors
+from edge_vpr.errors import UsageError
 from edge_vpr.evaluation.ground_truth import Alignment, from_alignment
 from edge_vpr.events import Sensor
 from edge_vpr.matching.distances import ReferenceIndex
@@ -222,6 +223,20 @@ def test_the_filter_takes_given_distances_as_it_takes_those_of_codes():
         assert np.array_equal(found.place, expected.place)
         assert np.array_equal(found.trust, expected.trust)
         assert np.array_equal(found.lost, expected.lost)
+
+
+@pytest.mark.parametrize("matching", ["filter", "sequence"])
+def test_distances_of_ones_own_are_finite_and_of_all_places_and_windows(matching):
+    pair = contest()
+    settings = pair.settings.replaced({"matching": matching}, "test")
+    distances = np.ones((40, 40))
+    for wrong in (np.nan, np.inf, -1.0):
+        distances[3, 4] = wrong
+        with pytest.raises(UsageError, match="negative or not finite"):
+            pair.match(distances, settings)
+    with pytest.raises(UsageError, match="give those of 40 places"):
+        pair.match(np.ones((39, 40)), settings)
+    assert len(repr(pair)) < 5_000
 
 
 def test_a_simulated_street_is_counted_by_events(monkeypatch):

@@ -24,8 +24,9 @@ filter_restart = 20
 ```
 
 `edge_vpr.Settings` has the same names, except `tau_us` (in microseconds), `remove_hot_pixels` and
-`remove_bursts` (booleans); `none` and `auto` are None. Defaults of other presets than `default` are
-in brackets.
+`remove_bursts` (booleans); `none` and `auto` are None. `Settings()` has the values of `paper`, and
+`PRESETS["default"]` those of `default`, with which `ReferenceMap.build` begins. Defaults of other
+presets than `default` are in brackets.
 """
 
 #: the name of a page in the text of a meaning

@@ -13,6 +13,7 @@ import numpy.typing as npt
 
 from edge_vpr.confidence import Acceptance
 from edge_vpr.descriptors.windows import Descriptors
+from edge_vpr.errors import UsageError
 from edge_vpr.matching.distances import ReferenceIndex
 from edge_vpr.matching.drive import match_by_filter
 from edge_vpr.matching.matches import Matches
@@ -218,6 +219,8 @@ def _numbered(events: npt.NDArray[np.int64], time_us: npt.NDArray[np.int64]) -> 
 
 def _whole(distances: npt.NDArray[np.floating], bits: int) -> npt.NDArray[np.int64]:
     """Return distances as integers below 2 to the power of `bits`."""
+    if not (np.isfinite(distances).all() and (distances >= 0).all()):
+        raise UsageError("a distance is negative or not finite: give 0 or more at all places")
     # scaled by a power of two, so that integers stay integers and ties stay ties
     _, exponent = math.frexp(float(distances.max()))
     return np.minimum(

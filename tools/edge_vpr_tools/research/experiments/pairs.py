@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -22,6 +22,7 @@ from edge_vpr.descriptors.counting import (
 )
 from edge_vpr.descriptors.pixels import PixelMap
 from edge_vpr.descriptors.windows import Descriptors, FixedCount, FixedTime, Window, narrow
+from edge_vpr.errors import UsageError
 from edge_vpr.evaluation.ground_truth import GroundTruth, from_tracks
 from edge_vpr.evaluation.metrics import evaluate
 from edge_vpr.evaluation.tracks import Track
@@ -246,8 +247,9 @@ class CountedDrive:
     """Windows of a drive, counted at every pixel."""
 
     #: Shape (n, height, width): counts of events at each pixel, for n windows.
-    images: npt.NDArray[np.integer]
-    centre_us: Times  #: Shape (n,): centre of each window.
+    images: npt.NDArray[np.integer] = field(repr=False)
+    #: Shape (n,): centre of each window.
+    centre_us: Times = field(repr=False)
     #: Where the pixels of `images` lie on the sensor, if only some were published.
     published: PixelMap | None = None
 
@@ -324,6 +326,12 @@ class CountedPair:
         part : slice
             Windows of the query; those of the matches count from 0.
         """
+        shape = len(self.reference.images), len(self.query.images)
+        if distances.shape != shape:
+            raise UsageError(
+                f"distances have shape {distances.shape}: give those of {shape[0]} places, a row "
+                f"each, to {shape[1]} windows"
+            )
         some, centre_us = distances[:, part], self.query.centre_us[part]
         if settings.matching == "filter":
             activity = self.reference.activity, self.query.activity[part]
