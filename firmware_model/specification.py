@@ -105,8 +105,8 @@ def ilog(number: int) -> int:
 
 
 def is_pause(counted: int, mean_activity: int) -> bool:
-    """Return whether a window has no events, or less than 1/16 of the mean number."""
-    return counted == 0 or counted * 256 * 16 < mean_activity
+    """Return whether a window has no events, or less than 1/8 of the mean number."""
+    return counted == 0 or counted * 256 * 8 < mean_activity
 
 
 def activity_of(counted: int, mean_activity: int) -> int:
@@ -118,6 +118,8 @@ def activity_of(counted: int, mean_activity: int) -> int:
 
 def mean_activity_after(mean_activity: int, counted: int) -> int:
     """Return the mean number of events, in units of 1/256 event, after a window."""
+    if is_pause(counted, mean_activity):
+        return mean_activity + (-mean_activity >> 10)
     return mean_activity + ((min(counted, EVENTS_TOP) * 256 - mean_activity) >> 6)
 
 

@@ -41,6 +41,8 @@ HALF_PLACE_COSTS = (
 COSTS_BY_ACTIVITY = {1: ACTIVITY_COSTS, 2: HALF_PLACE_COSTS}
 #: a row of `ACTIVITY_COSTS` spans ``2**COST_ROW_SHIFT`` parts of an octave; row of equal activity
 COST_ROW_SHIFT, SAME_ROW = 3, 12
+#: a window with no event, or less than 1/8 of the mean number, is a pause: it has no evidence
+PAUSE_SHIFT = 3
 #: evidence has no weight up to this activity, and all of it, ``2**WEIGHT_BITS``, an octave above
 WEIGHT_FROM, WEIGHT_BITS = -3 * PARTS, 3
 

@@ -19,7 +19,14 @@ from edge_vpr.errors import MapError, UsageError, expect
 from edge_vpr.events import TIME_LIMIT_US, Sensor, SensorSize
 from edge_vpr.recordings import Faults, TimeCrop, parse_period, read_count_frames
 from edge_vpr.recordings.frames import MOST_PIXELS, Counts
-from fixedpoint.activity import EVENTS_TOP, LOG_TOP, PLACE_HIGH, PLACE_LOW, least_events
+from fixedpoint.activity import (
+    EVENTS_TOP,
+    LOG_TOP,
+    PAUSE_SHIFT,
+    PLACE_HIGH,
+    PLACE_LOW,
+    least_events,
+)
 
 # Windows: the spans of time, or of events, that descriptors are counted in.
 
@@ -261,10 +268,10 @@ def collect(windows: Iterable[WindowCounts], counters: int) -> Descriptors:
 # Activity of a window: how many events it has against the mean number, and whether it is a pause.
 
 
-#: a window with no event, or less than 1/16 of the mean number, is a pause: it has no evidence
-PAUSE_SHIFT = 4
 #: the mean number moves by 1/64 of the difference in each window; it has 8 fraction bits
 ACTIVITY_SHIFT, ACTIVITY_FRACTION_BITS = 6, 8
+#: it falls by 1/1024 in a pause: a stop of minutes leaves it, yet it follows a drive in the dark
+PAUSE_DECAY_SHIFT = 10
 _LEAST_EVENTS = least_events()
 
 
@@ -326,6 +333,8 @@ def is_pause(events: int, mean_activity: int) -> bool:
 def mean_activity_after(mean_activity: int, events: int) -> int:
     """Return the mean number of events after a window, in units of 1/256 event."""
     # the shift rounds down, negative numbers too
+    if is_pause(events, mean_activity):
+        return mean_activity + (-mean_activity >> PAUSE_DECAY_SHIFT)
     return mean_activity + (
         ((min(events, EVENTS_TOP) << ACTIVITY_FRACTION_BITS) - mean_activity) >> ACTIVITY_SHIFT
     )

@@ -13,7 +13,7 @@
 #define WORDS (1U << 23)
 #define PAGE 0x10000U /* or a part of one */
 #define REPEATS 0x900000U /* of an event in one window, at most */
-#define FURTHER 0x8000U  /* events behind them, at most */
+#define FURTHER 0xA000U  /* events behind them, at most */
 #define CHECKSUM 3U /* word of an image */
 
 static uint32_t bundle[WORDS];

@@ -24,7 +24,9 @@
 #define EVENTS_TOP 0x7FFFFFU
 #define ACTIVITY_FRACTION_BITS 8U
 #define ACTIVITY_SHIFT 6U
-#define PAUSE_BITS 12U /* of a number of events less than 1/16 of the mean */
+#define PAUSE_DECAY_BITS 10U /* in a pause, the mean falls by 1/1024, rounded up */
+#define PAUSE_DECAY_MOST 1023U
+#define PAUSE_BITS 11U /* of a number of events less than 1/8 of the mean */
 #define LEAST_ACTIVITY (-368) /* of no events, against the most */
 #define OCTAVE 16U
 #define OCTAVES_LOW 22U
@@ -437,7 +439,7 @@ static uint32_t event_log(uint32_t events)
 }
 
 /* Compute the activity of the open window, whether it is a pause, and the mean number of events with
- * it. A pause has at most `below` / 4096, rounded down: less than 1/16 of the mean number. */
+ * it. A pause has at most `below` / 2048, rounded down: less than 1/8 of the mean number. */
 static void take_activity(const vpr_design_t *d, vpr_state_t *s)
 {
     const uint32_t counted = d->budget - s->left;
@@ -447,7 +449,11 @@ static void take_activity(const vpr_design_t *d, vpr_state_t *s)
                                  : ((int32_t)event_log(events) -
                                     (int32_t)event_log(s->mean_activity >> ACTIVITY_FRACTION_BITS));
     s->paused = events <= (below >> PAUSE_BITS);
-    s->mean_activity = moved(s->mean_activity, events << ACTIVITY_FRACTION_BITS, ACTIVITY_SHIFT);
+    if (s->paused) {
+        s->mean_activity -= (s->mean_activity + PAUSE_DECAY_MOST) >> PAUSE_DECAY_BITS;
+    } else {
+        s->mean_activity = moved(s->mean_activity, events << ACTIVITY_FRACTION_BITS, ACTIVITY_SHIFT);
+    }
 }
 
 void vpr_window_end(const vpr_design_t *d, vpr_state_t *s)

@@ -1,11 +1,12 @@
 // Mean activity, the running mean number of events in a window in units of 1/256 event, and the
 // activity of the window that ended: floor(16 log2(1 + its events)) less the same of the mean activity
 // before it, in whole events (LOGARITHMS); -368, the least value, for a window without events. The
-// open window is a pause (`pauses_o`) if it has no events, or less than 1/16 of the mean activity.
+// open window is a pause (`pauses_o`) if it has no events, or less than 1/8 of the mean activity.
 //
 // At `window_end_i` the mean activity moves by 1/64 of its difference to the events of the window,
-// which saturate. This takes one clock per bit, while `settled_o` is low: no event may be counted and
-// no window may end until then. Before that, both numbers rotate five times each for their logarithms.
+// which saturate; in a pause it falls by 1/1024. This takes one clock per bit, while `settled_o` is
+// low: no event may be counted and no window may end until then. Before that, both numbers rotate five
+// times each for their logarithms.
 // `activity_inverse_o` is valid from `settled_o` on.
 module vpr_activity #(
     localparam int EVENTS_BITS   = vpr_pkg::WINDOW_EVENTS_BITS,
@@ -22,8 +23,9 @@ module vpr_activity #(
     output logic [9:0]               activity_inverse_o
 );
     localparam int FRACTION       = ACTIVITY_BITS - EVENTS_BITS;
-    localparam int PAUSE_SHIFT    = 4;
+    localparam int PAUSE_SHIFT    = 3;
     localparam int ACTIVITY_SHIFT = 6;
+    localparam int DECAY_SHIFT    = 10;
     localparam int DROPPED        = FRACTION + PAUSE_SHIFT;
     localparam int UPPER_BITS     = ACTIVITY_BITS - DROPPED;
     // a round: a step for each bit of the mean activity, and one more
@@ -59,13 +61,14 @@ module vpr_activity #(
     // mean + events * 2^EVENT_AT - mean / 64, rounded up, from the lowest bit on: the bit of the
     // quotient is still in the register, until new ones come (`has_upper_q`). The events are shifted
     // out (`has_events_q`), which leaves none for the next window. If they have wrapped (`full_q`), all
-    // their bits are taken as 1.
-    logic borrow_q, carry_q, wrapped_q, full_q;
+    // their bits are taken as 1. Behind a pause (`paused_q`) it is mean - mean / 1024, rounded up.
+    logic borrow_q, carry_q, wrapped_q, full_q, paused_q;
 
-    wire upper      = has_upper_q && mean_q[ACTIVITY_SHIFT];
+    wire upper      = has_upper_q && (paused_q ? mean_q[DECAY_SHIFT] : mean_q[ACTIVITY_SHIFT]);
     wire difference = mean_q[0] ^ upper ^ borrow_q;
     wire of_window  = has_events_q && (events_q[0] || full_q);
-    wire next       = of_window ^ difference ^ carry_q;
+    wire added      = of_window && !paused_q;
+    wire next       = added ^ difference ^ carry_q;
 
     // not taken while events are shifted: with the operand that is not 0 then, an FPGA has sum and
     // selection of a bit in one cell
@@ -85,20 +88,23 @@ module vpr_activity #(
         as_many_q     <= events_q[UPPER_BITS-1:0] == mean_q[ACTIVITY_BITS-1:DROPPED];
         was_counted_q <= counted_i && !window_end_i && !load_i;
         if (as_many_q && was_counted_q) more_q <= 1'b1;
+        if (settled_o) paused_q <= pauses_o;
         if (!turns_q) begin
-            borrow_q      <= mean_q[ACTIVITY_SHIFT-1:0] != 0;
+            borrow_q      <= mean_q[ACTIVITY_SHIFT-1:0] != 0
+                || (paused_q && mean_q[DECAY_SHIFT-1:ACTIVITY_SHIFT] != 0);
             carry_q       <= 1'b0;
             has_upper_q   <= 1'b1;
             below_event_q <= 1'b1;
             came_below_q  <= 1'b0;
         end else begin
             borrow_q <= (!mean_q[0] && (upper || borrow_q)) || (upper && borrow_q);
-            carry_q  <= (of_window && (difference || carry_q)) || (difference && carry_q);
+            carry_q  <= (added && (difference || carry_q)) || (difference && carry_q);
             mean_q  <= {moves ? next : mean_q[0], mean_q[ACTIVITY_BITS-1:1]};
             // the bit that came with the clock before
             came_below_q <= below_event_q;
             if (moves && came_below_q && mean_q[ACTIVITY_BITS-1]) partly_q <= 1'b1;
-            if (step_q == STEP_BITS'(ACTIVITY_BITS - ACTIVITY_SHIFT - 1)) has_upper_q <= 1'b0;
+            if (step_q == (paused_q ? STEP_BITS'(ACTIVITY_BITS - DECAY_SHIFT - 1)
+                                    : STEP_BITS'(ACTIVITY_BITS - ACTIVITY_SHIFT - 1))) has_upper_q <= 1'b0;
             if (step_q == STEP_BITS'(DROPPED - 1)) below_event_q <= 1'b0;
         end
         if (window_end_i) begin

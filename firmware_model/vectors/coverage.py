@@ -32,7 +32,7 @@ from firmware_model.specification import (
     window_mean,
 )
 from firmware_model.vectors.case import Case
-from fixedpoint.activity import ACTIVITY_COSTS, SAME_ROW
+from fixedpoint.activity import ACTIVITY_COSTS, PAUSE_SHIFT, SAME_ROW
 from fixedpoint.own_mean import FIRST_SHIFT, LEVEL_FRACTION_BITS, MEAN_FRACTION_BITS
 
 #: name of each corner, and what is counted as one occurrence of it
@@ -319,7 +319,7 @@ class FilterCoverage:
         found["pause"] += paused and not first
         found["pause_with_events"] += paused and self.machine.counted > 0
         counted, mean_activity = self.machine.counted, self.machine.kept.mean_activity
-        threshold = counted << (ACTIVITY_FRACTION_BITS + 4)
+        threshold = counted << (ACTIVITY_FRACTION_BITS + PAUSE_SHIFT)
         found["pause_at_threshold"] += counted > 0 and mean_activity == threshold + 1
         found["pause_by_two"] += counted > 0 and mean_activity == threshold + 2
         found["pause_by_eight_events"] += counted > 0 and (

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from bisect import bisect_left
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from itertools import product
 from operator import sub
@@ -29,7 +29,15 @@ from firmware_model.specification import (
 )
 from firmware_model.vectors.case import Case, Stream, choose_pixels
 from firmware_model.vectors.corners import adaptive_event_cases
-from fixedpoint.activity import COST_ROW_SHIFT, EVENTS_TOP, LOG_TOP, PARTS, PLACE_LOW, SAME_ROW
+from fixedpoint.activity import (
+    COST_ROW_SHIFT,
+    EVENTS_TOP,
+    LOG_TOP,
+    PARTS,
+    PAUSE_SHIFT,
+    PLACE_LOW,
+    SAME_ROW,
+)
 from fixedpoint.own_mean import (
     FIRST_SHIFT,
     LAST_SHIFT,
@@ -72,7 +80,7 @@ def filter_cases(design: Design) -> list[Case]:
         long_window(by_activity),
         *_half_places(half_places),
         *_tabulated_costs(half_places),
-        _logarithms(half_places),
+        *_logarithms(half_places),
     ]
 
 
@@ -154,7 +162,7 @@ def _pauses(design: Design) -> list[Case]:
     route = [PAUSE, PAUSE, 0, 1, PAUSE, PAUSE, 2, 2, PAUSE, 3, 4, 5]
     # a mean activity so high that the first windows are pauses although they have events
     total = max(counts_at(forward, place)[1] for place in range(forward.places))
-    busy = min((total << 12) + (total << 8), 0x7FFF_FF00)
+    busy = min(((total << PAUSE_SHIFT) << ACTIVITY_FRACTION_BITS) + 6 * total, 0x7FFF_FF00)
     cases = [
         drive("usually_more_events", forward, list(range(12)), None, busy),
         drive("places_alike", forward, [0, 1, 2, 3], alike=True),
@@ -314,7 +322,7 @@ def _weights(design: Design) -> Case:
     """Show windows of as many events while the mean activity falls: evidence has every weight."""
     design = replace(design, code="counts", code_bits=5, window_events=24)
     design = replace(design, exclusion=0)
-    events, mean_activity = 24, 24 * 9 << ACTIVITY_FRACTION_BITS
+    events, mean_activity = 24, 24 * 8 << ACTIVITY_FRACTION_BITS
     shown = [[events - number % 3, *[0] * (design.slots - 1)] for number in range(110)]
     if design.slots > 1:
         for number, counts in enumerate(shown):
@@ -413,28 +421,26 @@ def _tabulated_costs(design: Design) -> list[Case]:
     return cases
 
 
-def _logarithms(design: Design) -> Case:
-    """Let the mean number of events fall from the largest there is by 5 octaves.
+def _logarithms(design: Design) -> Iterator[Case]:
+    """Make cases of the largest mean numbers of events, over 5 octaves.
 
     At every third logarithm of it, a window has the least events with which staying at the only
-    place costs what the next row of the table says, or one less: the cost tells an error of one.
+    place costs what the next row of the table says, and one less: the cost tells an error of one.
     """
     design = replace(design, window="time", places=1, exclusion=0)
     staying = [steps[0] for steps in design.step_costs]
     row = next(row for row, cost in enumerate(staying) if cost > staying[0])
     edge = ((row - SAME_ROW) << COST_ROW_SHIFT) - (1 << COST_ROW_SHIFT - 1) + PLACE_LOW
-    memories = Memories(
-        design, choose_pixels(design), [[0] * design.slots],
-        activity=EVENTS_TOP << ACTIVITY_FRACTION_BITS, place_activity=[PLACE_LOW],
-    )  # fmt: skip
-    mean, last, shown = memories.activity, LOG_TOP, [1]
-    while last > LOG_TOP - 5 * PARTS:
-        mean = mean_activity_after(mean, shown[-1])
-        log = ilog(mean >> ACTIVITY_FRACTION_BITS)
-        least = bisect_left(range(EVENTS_TOP), log + edge, key=ilog)
-        shown.append(least - log % 2 if log < last and log % 3 == 0 else 1)
-        last = log
-    return _numbers("logarithms", memories, shown)
+    for log in range(LOG_TOP, LOG_TOP - 5 * PARTS, -3):
+        least, above, edge_of = (
+            bisect_left(range(EVENTS_TOP), each, key=ilog) for each in (log, log + 1, log + edge)
+        )
+        # in the middle, behind three pauses too
+        memories = Memories(
+            design, choose_pixels(design), [[0] * design.slots],
+            activity=(least + above) // 2 << ACTIVITY_FRACTION_BITS, place_activity=[PLACE_LOW],
+        )  # fmt: skip
+        yield _numbers(f"logarithm_{log}", memories, [1, edge_of - 1, edge_of])
 
 
 def _contrasts(design: Design) -> list[Case]:

@@ -103,8 +103,8 @@ def _logarithms(design: Design) -> list[LongWindow]:
         (EVENTS_TOP - 2, least[1], 14),
         (EVENTS_TOP + 2, least[1], 14),
     ):
-        # before the empty window, behind which it is less by 1/64
-        activity = -(-(mean_activity << ACTIVITY_FRACTION_BITS) * 64 // 63)
+        # before the empty window, behind which it is less by 1/1024
+        activity = -(-(mean_activity << ACTIVITY_FRACTION_BITS) * 1024 // 1023)
         # the row of this activity is the last that has its cost of staying
         case = stream.case("", [[0] * design.slots], activity=activity, place_activity=[edge + 21])
         found.append(LongWindow(case, events))
@@ -114,14 +114,14 @@ def _logarithms(design: Design) -> list[LongWindow]:
 def _saturated(design: Design) -> LongWindow:
     """Make a window with more events than 23 bits can count, which saturates.
 
-    The next window then has so little less than 1/16 of the mean activity that it would be a pause
+    The next window then has so little less than 1/8 of the mean activity that it would be a pause
     without the saturation.
     """
     design = replace(design, places=4, exclusion=1)
     stream, rest = Stream(design), list(range(1, design.slots))
     stream.fill([1] + [0] * len(rest))
     for _ in range(2):  # the means that it moves change the codes of the next window
-        stream.fill([8_700 - sum(rest), *rest])
+        stream.fill([17_400 - sum(rest), *rest])
     stream.close()
     places = [[slot * place % 8 for slot in range(design.slots)] for place in range(4)]
     return LongWindow(stream.case("", places), (1 << 23) + (1 << 20))

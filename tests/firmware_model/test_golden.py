@@ -228,7 +228,7 @@ def test_states_of_a_case_are_those_that_its_matches_come_from(tmp_path):
         reciprocal = place = -1
         for state, match in zip(rows["states"], rows["matches"], strict=True):
             mean_activity, counted = state["mean_activity"], state["counted"]
-            assert state["paused"] == (counted == 0 or 4096 * counted < mean_activity)
+            assert state["paused"] == (counted == 0 or 2048 * counted < mean_activity)
             # floor(16 log2(n)) of numbers up to some thousands, which are no powers of 2^(1/16)
             logs = [math.floor(16 * math.log2(1 + n) + 1e-9) for n in (counted, mean_activity >> 8)]
             assert state["activity"] == (logs[0] - logs[1] if counted else -368)

@@ -788,14 +788,16 @@ def test_the_activity_is_that_of_the_model_though_the_number_of_events_saturates
     rng = np.random.default_rng(5)
     # the first window is at a threshold, or one below it, or between both
     cases = [
-        (0, [1]), (1, [0]), (0, [0, 0]), (2 << 12, [2]), ((2 << 12) + 1, [2]),
-        ((2 << 12) + (1 << 11), [2]), (63 << 8, [500]),
+        (0, [1]), (1, [0]), (0, [0, 0]), (2 << 11, [2]), ((2 << 11) + 1, [2]),
+        ((2 << 11) + (1 << 10), [2]), (63 << 8, [500]),
     ]  # fmt: skip
-    # or the second one is, behind one with an event that moves the mean activity there
-    for mean_activity, second in ((1 << 12, 1), (2 << 12, 2), (3 << 12, 3)):
-        start = bisect_left(range(1 << 14), mean_activity, key=lambda n: mean_activity_after(n, 1))
-        assert mean_activity_after(start, 1) == mean_activity
-        cases.append((start, [1, second]))
+    # or the second one is, behind one that moves the mean activity there, a pause or none
+    for mean_activity, second in ((1 << 11, 1), (2 << 11, 2), (3 << 11, 3)):
+        for counted, pause in ((1, True), (5, False)):
+            starts = (n for n in range(1 << 14) if mean_activity_after(n, counted) == mean_activity)
+            start = next(starts)
+            assert is_pause(counted, start) == pause
+            cases.append((start, [counted, second]))
     for start, first in cases:
         events = rng.choice([0, 1, 2, 3, 4, 5, 6, 7, 40, 62, 63, 64, 65, 127, 128, 300, 500], 120)
         events[: len(first)] = first

@@ -328,8 +328,8 @@ def test_a_stop_of_hours_without_an_event_does_not_move_the_match():
     found = PlaceFilter(Transitions(50, TransitionCosts()), mean_activity=256 * 160)
     for row in drive_through(50, list(range(10)), np.random.default_rng(3)):
         found.update(row, 160)
-    hours = np.zeros((3_000, 50), dtype=np.int64)
-    rows = found.update_windows(hours, np.zeros(3_000, dtype=np.int64))
+    hours = np.zeros((30_000, 50), dtype=np.int64)
+    rows = found.update_windows(hours, np.zeros(30_000, dtype=np.int64))
     assert set(rows.columns[:, 0].tolist()) == {9} and found.numbers[1] == 0
 
 
@@ -378,10 +378,15 @@ def test_the_costs_by_activity_are_those_of_their_formula(number):
     assert activity_costs(number).tolist() == [list(row) for row in COSTS_BY_ACTIVITY[number]]
 
 
-def test_a_pause_has_less_than_a_sixteenth_of_the_usual_events():
-    assert find_pauses(np.array([10, 9, 0]), 256 * 160).tolist() == [False, True, True]
-    # the mean activity follows the drive: in dim light nothing pauses for long
-    assert not find_pauses(np.full(400, 9), 256 * 160)[-1]
+def test_a_pause_has_less_than_an_eighth_of_the_usual_events():
+    assert find_pauses(np.array([20, 19, 0]), 256 * 160).tolist() == [False, True, True]
+
+
+def test_the_mean_outlasts_a_stop_of_minutes_and_yet_follows_a_drive_in_the_dark():
+    stopped = [160] * 20 + [3] * 300 + [160] * 20
+    assert find_pauses(np.array(stopped), 256 * 160).tolist() == [n == 3 for n in stopped]
+    dark = find_pauses(np.full(1_000, 9), 256 * 160)
+    assert dark[:700].all() and not dark[900:].any()
 
 
 def test_a_restart_that_does_not_fit_is_refused():

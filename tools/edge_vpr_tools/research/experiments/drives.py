@@ -305,6 +305,7 @@ STREETS: Mapping[str, Second] = {
     "street, quarter speed": Second(replace(QUERY, speed_mps=QUERY.speed_mps / 4)),
     "street, thresholds x 1.3": Second(QUERY, 1.3),
     "street, thresholds x 0.75": Second(QUERY, 0.75),
+    "street, 3 stops of 2 min": Second(replace(QUERY, stops=3, stop_s=120.0)),
 }
 
 
