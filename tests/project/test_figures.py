@@ -318,8 +318,11 @@ def latency(column: str, events: str = "1") -> str:
 #: page, words of it with a field for each number, and what computes these
 SENTENCES: list[tuple[str, str, Callable[[], object]]] = [
     ("README", "Each second of the route takes {} bytes packed", lambda: 2 * int(place_bytes())),
-    ("README", "at 49 pixels, {:.2f} of all live matches are correct, and {:.2f} are accepted at",
-     lambda: (*correct("Brisbane, 49 px", ROBOT), *trust("accepted at 0.99", "Brisbane*"))),
+    ("README", "at 49 pixels, {:.2f} of all live matches lie within 70 m, and {:.2f} within 25 m",
+     lambda: [laid_out("P@100R", LIVE, metres)[-1] for metres in (70, 25)]),
+    ("README", "`--precision 0.99`, {:.2f} are accepted, and {:.2f} of these lie within 70 m",
+     lambda: [*trust("accepted at 0.99", "Brisbane*"),
+              *trust("precision by tolerance", "Brisbane*")]),
     ("README", "a second of the route takes {} bytes packed", lambda: 2 * int(place_bytes())),
     ("README", "a route of 500 s takes {:.0f} KiB, of which {:.0f} KiB are RAM, and a match "
      "{:.0f} ms",

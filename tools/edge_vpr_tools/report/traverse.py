@@ -114,7 +114,7 @@ def write_report(
     if queries is not None:
         page.heading("Distances")
         add("distance_matrix", distance_matrix(reference, queries, outcome, route),
-             "Dark is near. A drive that is recognised makes a dark line.")  # fmt: skip
+             "Dark is near.")  # fmt: skip
     page.heading("Pixels")
     add("pixels", selected_pixels(reference),
          "Where the sensor sees change that differs from place to place.")  # fmt: skip
