@@ -251,6 +251,8 @@ def test_the_axis_of_precision_goes_from_0_to_1_at_most(least):
     assert 0.0 <= low <= least and 1.0 <= high <= 1.03
     assert low > 0.4 or least < 0.5
     assert axes.get_legend() is None
+    # of the lower of two thresholds, so that the curve leaves 0.99 at R@99P
+    assert axes.lines[0].get_drawstyle() == "steps-pre"
 
 
 @pytest.mark.parametrize(

@@ -466,7 +466,7 @@ def precision_recall(curves: Mapping[str, Evaluation]) -> Figure:
             axes.step(
                 found.curve.recall,
                 found.curve.precision,
-                where="post",
+                where="pre",  # as R@99P and average precision count it
                 **look(i),
                 lw=2,
                 label=f"{name}\nP@100R {found.precision_at_100_recall:.3f}, "
