@@ -431,16 +431,21 @@ def _logarithms(design: Design) -> Iterator[Case]:
     staying = [steps[0] for steps in design.step_costs]
     row = next(row for row, cost in enumerate(staying) if cost > staying[0])
     edge = ((row - SAME_ROW) << COST_ROW_SHIFT) - (1 << COST_ROW_SHIFT - 1) + PLACE_LOW
-    for log in range(LOG_TOP, LOG_TOP - 5 * PARTS, -3):
-        least, above, edge_of = (
-            bisect_left(range(EVENTS_TOP), each, key=ilog) for each in (log, log + 1, log + edge)
-        )
-        # in the middle, behind three pauses too
+    for log in range(LOG_TOP - 1, LOG_TOP - 5 * PARTS, -3):
+        least = bisect_left(range(EVENTS_TOP), log, key=ilog) << ACTIVITY_FRACTION_BITS
+        # so that the first pause, which takes 1/1024, leaves the least mean of this logarithm, or
+        # one unit less
+        mean = -(-least * 1024 // 1023) - log % 2
         memories = Memories(
             design, choose_pixels(design), [[0] * design.slots],
-            activity=(least + above) // 2 << ACTIVITY_FRACTION_BITS, place_activity=[PLACE_LOW],
+            activity=mean, place_activity=[PLACE_LOW],
         )  # fmt: skip
-        yield _numbers(f"logarithm_{log}", memories, [1, edge_of - 1, edge_of])
+        shown = [1]
+        for less in (1, 0):
+            mean = mean_activity_after(mean, shown[-1])
+            log_of_mean = ilog(mean >> ACTIVITY_FRACTION_BITS)
+            shown.append(bisect_left(range(EVENTS_TOP), log_of_mean + edge, key=ilog) - less)
+        yield _numbers(f"logarithm_{log}", memories, shown)
 
 
 def _contrasts(design: Design) -> list[Case]:
