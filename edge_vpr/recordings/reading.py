@@ -279,6 +279,7 @@ class FaultLog:
         self.entries = 0  #: events of the file seen so far, good or bad
         self.first_unreadable = ""  #: the first entry that is not an event, and why
         self.assumed_unit: str | None = None  #: unit of times, if neither file nor caller states it
+        self.times_are_float32 = False
         self.remarks: list[str] = []  #: warnings about implausible values
         self.last_us: int | None = None  #: time of the last good event so far
         self._good = 0
@@ -733,7 +734,8 @@ class Recording:
                 f"lie off the {self.sensor} sensor and are left out: {_OFF_CAUSES}"
             )
         if log.assumed_unit is not None:
-            log.remark(_doubt(first, self._source.position, self.sensor, log.assumed_unit))
+            position, rounded = self._source.position, log.times_are_float32
+            log.remark(_doubt(first, position, self.sensor, log.assumed_unit, rounded))
         self.remark = "; ".join(filter(None, log.remarks))
         self._source.position = 0.0 if self._source.position is not None else None
         return log.origin_us, log.origin_us if start is None else start
@@ -751,12 +753,13 @@ _US_PER_UNIT = {
 #: longest usual recording in s.
 _USUAL_RATE, _SLOWEST, _SHORTEST, _LONGEST = 3.0, 1_000.0, 1.0, 3_600.0
 #: A unit is doubted if another one is more usual by `_DOUBTFUL` powers of ten, or if the shortest
-#: step between times exceeds `_LONGEST_STEP_US`. A unit that is odd by more than `_IMPOSSIBLE`
-#: powers of ten is not proposed.
-_DOUBTFUL, _LONGEST_STEP_US, _IMPOSSIBLE = 2.0, 2_000, 4.0
+#: step between times exceeds `_LONGEST_STEP_US`; of float32, whose steps are of its digits and not
+#: of the camera, `_LONGEST_OF_FLOAT32_US`. A unit that is odd by more than `_IMPOSSIBLE` powers of
+#: ten is not proposed.
+_DOUBTFUL, _LONGEST_STEP_US, _LONGEST_OF_FLOAT32_US, _IMPOSSIBLE = 2.0, 10_000, 2_000, 4.0
 
 
-def _doubt(events: Events, share: float | None, sensor: Sensor, assumed: str) -> str:
+def _doubt(events: Events, share: float | None, sensor: Sensor, assumed: str, float32: bool) -> str:
     """Return why the unit of the times is implausible; "" if it is plausible.
 
     Parameters
@@ -767,12 +770,15 @@ def _doubt(events: Events, share: float | None, sensor: Sensor, assumed: str) ->
         Share of the file that they are.
     assumed : str
         Unit in which they were read.
+    float32 : bool
+        Whether their times are of this type.
     """
     n, duration_us = events.size, int(events["t"][-1] - events["t"][0])
     if n < _FEWEST:
         return ""
     steps = np.diff(events["t"])
     step_us = int(steps[steps > 0].min(initial=TIME_LIMIT_US))
+    longest_us = _LONGEST_OF_FLOAT32_US if float32 else _LONGEST_STEP_US
     # of most parts, since a clock that jumps makes one of them long
     part = n // _PARTS
     usual_us = max(1.0, float(np.median(np.diff(events["t"][::part]))) * (n - 1) / part)
@@ -780,7 +786,7 @@ def _doubt(events: Events, share: float | None, sensor: Sensor, assumed: str) ->
     def oddness(factor: Fraction) -> float:
         """Return by how many powers of ten rate and duration are unusual if times are scaled."""
         # whole numbers have steps of one unit, whatever it is
-        if step_us > 1 and step_us * factor > _LONGEST_STEP_US:
+        if step_us > 1 and step_us * factor > longest_us:
             return math.inf
         seconds = usual_us * float(factor) / 1e6
         total = seconds / min(max(share or 1.0, 1e-6), 1.0)

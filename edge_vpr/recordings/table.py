@@ -324,6 +324,7 @@ def tidy(
             )
     if unit is None and columns["t"].dtype.kind in "iuf":
         unit = log.assumed_unit = log.assumed_unit or usual_unit(columns["t"])
+        log.times_are_float32 = columns["t"].dtype in (np.dtype("<f4"), np.dtype(">f4"))
     try:
         t, known = microseconds(columns["t"], unit)
     except ValueError as error:

@@ -250,6 +250,13 @@ def test_seconds_of_few_digits_are_remarked_on(events):
         open_recording(columns, sensor="32x32")
 
 
+@pytest.mark.parametrize("step_us", [1_000, 5_000, 10_000])
+def test_times_of_frames_of_a_simulator_are_in_microseconds(events, step_us):
+    columns = four(events)
+    columns[0] = columns[0] // step_us * step_us
+    assert not open_recording(columns, sensor="32x32").remark
+
+
 def test_columns_of_text_and_columns_as_rows_name_their_remedy(events):
     columns = four(events)
     with pytest.raises(RecordingError, match=r"transpose it \(\.T\)"):
