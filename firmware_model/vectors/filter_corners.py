@@ -160,9 +160,10 @@ def _routes(design: Design) -> dict[str, tuple[Design, list[int]]]:
 def _pauses(design: Design) -> list[Case]:
     forward = replace(design, exclusion=1)
     route = [PAUSE, PAUSE, 0, 1, PAUSE, PAUSE, 2, 2, PAUSE, 3, 4, 5]
-    # a mean activity so high that the first windows are pauses although they have events
+    # a mean activity so high that at least three windows are pauses although they have events: each
+    # takes 1/1024 of it, which is 2 for each event of the threshold
     total = max(counts_at(forward, place)[1] for place in range(forward.places))
-    busy = min(((total << PAUSE_SHIFT) << ACTIVITY_FRACTION_BITS) + 6 * total, 0x7FFF_FF00)
+    busy = min((total << PAUSE_SHIFT + ACTIVITY_FRACTION_BITS) + 6 * total, 0x7FFF_FF00)
     cases = [
         drive("usually_more_events", forward, list(range(12)), None, busy),
         drive("places_alike", forward, [0, 1, 2, 3], alike=True),
