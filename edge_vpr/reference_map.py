@@ -878,6 +878,12 @@ class MatchResult:
         route = self.reference.route
         return None if route is None else route.position[self.matches.place]
 
+    @property
+    def position_m(self) -> npt.NDArray[np.float64] | None:
+        """The same in metres: of latitude and longitude, east and north of the first place."""
+        route, position = self.reference.route, self.position
+        return None if route is None or position is None else route.metres(position)
+
     def plot(
         self, evaluation: Evaluation | None = None, *, axes: Axes | Sequence[Axes] | None = None
     ) -> npt.NDArray[Any]:

@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from edge_vpr.errors import UsageError
-from edge_vpr.evaluation.tracks import UNIX_US, Floats, local_metres
+from edge_vpr.evaluation.tracks import UNIX_US, Floats
 from edge_vpr.files import replacing
 from edge_vpr.map_record import MapRecord
 from edge_vpr.matching.matches import Matches
@@ -137,9 +137,9 @@ def _tum(reference: MapRecord, matches: Matches, rows: Rows) -> str:
     position, route = _positions(reference), reference.route
     lines = ["# time_s x_m y_m z_m qx qy qz qw"]
     if route is not None and route.kind == "geographic":
-        origin = position[np.isfinite(position).all(axis=1)][0]
-        lines.append("# x east and y north of latitude {:.7f}, longitude {:.7f}".format(*origin))
-        position = local_metres("geographic", position, origin)
+        origin = "latitude {:.7f}, longitude {:.7f}".format(*route.origin)
+        lines.append(f"# x east and y north of {origin}")
+        position = route.metres(position)
     metres = np.zeros((len(position), 3))
     metres[:, : position.shape[1]] = position
     for i in rows:

@@ -15,7 +15,7 @@ from edge_vpr.archive import EqualByValue
 from edge_vpr.errors import GroundTruthError, kind_of
 from edge_vpr.events import TIME_LIMIT_US
 from edge_vpr.map_record import AnyMap
-from edge_vpr.route import Kind, Route
+from edge_vpr.route import EARTH_RADIUS_M, Kind, Route
 
 # Tracks, interpolated but never extrapolated.
 
@@ -31,8 +31,6 @@ SHORT_GAP_US = 5_000_000
 USUAL_GAPS = 5
 #: Times of a track may be off whole microseconds by less: products of seconds are.
 _ROUNDING_US = 1e-2
-#: Mean radius of the Earth in metres (IUGG, R1).
-EARTH_RADIUS_M = 6_371_008.8
 
 
 @dataclass(frozen=True, eq=False)
@@ -279,31 +277,6 @@ def great_circle(a: Floats, b: Floats) -> Floats:
     half = np.sin((a - b) / 2.0) ** 2
     h = half[..., 0] + np.cos(a[..., 0]) * np.cos(b[..., 0]) * half[..., 1]
     return 2.0 * EARTH_RADIUS_M * np.arcsin(np.sqrt(np.minimum(h, 1.0)))
-
-
-def local_metres(kind: Kind, position: Floats, origin: Floats) -> Floats:
-    """Return positions on a flat map, in metres east and north of an origin.
-
-    Parameters
-    ----------
-    kind : {"metric", "geographic"}
-        Metric positions are returned as they are.
-    position : ndarray of float64, shape (n, d)
-        Positions of the kind.
-    origin : ndarray of float64, shape (d,)
-        Latitude and longitude in degrees, near the positions: lengths are exact along its parallel
-        and its meridian, and wrong by less than 1 % within 50 km up to 50 degrees of latitude.
-
-    Examples
-    --------
-    >>> local_metres("geographic", np.array([[0.0, 0.001]]), np.zeros(2)).round(1).tolist()
-    [[111.2, 0.0]]
-    """
-    if kind == "metric":
-        return position
-    north, east = np.radians(position - origin).T
-    east = (east + np.pi) % (2 * np.pi) - np.pi  # the short way round across the 180th meridian
-    return EARTH_RADIUS_M * np.column_stack([east * np.cos(np.radians(origin[0])), north])
 
 
 def distances(kind: Kind, a: Floats, b: Floats) -> Floats:

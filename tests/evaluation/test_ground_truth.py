@@ -26,7 +26,8 @@ from edge_vpr.evaluation.ground_truth import (
     load_matrix,
 )
 from edge_vpr.evaluation.track_files import load_track
-from edge_vpr.evaluation.tracks import EARTH_RADIUS_M, Track, great_circle, interpolate
+from edge_vpr.evaluation.tracks import Track, great_circle, interpolate
+from edge_vpr.route import EARTH_RADIUS_M
 
 SECOND = 1_000_000
 

@@ -15,7 +15,7 @@ from edge_vpr.evaluation.tracks import distances
 from edge_vpr.events import Sensor
 from edge_vpr.matching.matches import Matches
 from edge_vpr.recordings import open_recording, write_recording
-from edge_vpr.reference_map import ReferenceMap
+from edge_vpr.reference_map import MatchResult, ReferenceMap
 
 SENSOR = Sensor(16, 12)
 
@@ -72,6 +72,9 @@ def test_gpx_and_geojson_hold_the_positions_of_the_matched_places(drive, tmp_pat
     from_first = np.hypot(*(rows[:, 1:3] - rows[0, 1:3]).T)
     assert from_first == pytest.approx(along, abs=0.05)
     assert np.all(np.diff(rows[[0, -1], 1]) > 0) and np.all(np.diff(rows[[0, -1], 2]) < 0)
+    metres = MatchResult(reference, matches).position_m
+    assert np.isnan(metres[~known]).all()
+    assert metres[known] == pytest.approx(rows[:, 1:3], abs=1e-3)
 
 
 def points_of(gpx):
@@ -105,9 +108,12 @@ def test_tum_holds_metres_as_they_are_and_no_rotation(drive, tmp_path):
     assert rows[:, 0] == pytest.approx(matches.time_us / 1e6)
     assert rows[:, 1:3] == pytest.approx(reference.route.position[matches.place], abs=1e-3)
     assert rows[:, 3:].tolist() == [[0, 0, 0, 0, 1]] * len(matches)
+    result = MatchResult(reference, matches)
+    assert np.array_equal(result.position_m, result.position)
     reference, matches = matched(drive, "wheel", tmp_path / "odo", tmp_path / "odo.tum")
     rows = np.loadtxt(tmp_path / "odo.tum")
     assert rows[:, 1] == pytest.approx(reference.odometer_mm[matches.place] / 1e3, abs=1e-3)
+    assert MatchResult(reference, matches).position_m is None
 
 
 def test_lost_matches_are_left_out_of_a_track_and_marked_on_a_map(drive, tmp_path):

@@ -22,11 +22,10 @@ from edge_vpr.descriptors.windows import Descriptors
 from edge_vpr.evaluation.calibration import Reliability
 from edge_vpr.evaluation.ground_truth import GroundTruth, TrueCells
 from edge_vpr.evaluation.metrics import Evaluation
-from edge_vpr.evaluation.tracks import local_metres
 from edge_vpr.matching.distances import ReferenceIndex
 from edge_vpr.matching.matches import Matches
 from edge_vpr.reference_map import ReferenceMap
-from edge_vpr.route import Kind, Route
+from edge_vpr.route import Route
 from edge_vpr_tools.console import number_of
 from edge_vpr_tools.report.page import FINDABLE
 from edge_vpr_tools.report.style import (
@@ -118,17 +117,14 @@ class RouteView:
         A sentence on what is shown.
     label : str
         Of the axis along the route, with the unit.
-    place : ndarray of float64, shape (K, d), optional
-        Positions of the places; NaN where not known.
-    kind : {"metric", "geographic"}
-        What the positions are.
+    route : Route, optional
+        Drawn from above, if it has two dimensions or more; None of a view along it.
     """
 
     at: Floats
     caption: str
     label: str = ""
-    place: Floats | None = None
-    kind: Kind = "metric"
+    route: Route | None = None
 
     @classmethod
     def of(cls, reference: ReferenceMap, outcome: Outcome, route: Route | None) -> RouteView | None:
@@ -145,9 +141,9 @@ class RouteView:
             if positions is not None and positions.are_like(route.kind, route.position):
                 text = "a line leads to the place that a wrong match gave"
                 text = f"The route from above. Each mark is where the camera was; {text}."
-                return cls(positions.query[query], text, "", route.position, route.kind)
+                return cls(positions.query[query], text, "", route)
             text = "The route from above. Each mark is where the camera was according to a match."
-            return cls(route.position[places], text, "", route.position, route.kind)
+            return cls(route.position[places], text, "", route)
         along = "distance along the route (m)"
         if positions is not None and positions.query.shape[1] == 1:
             unit = positions.unit
@@ -161,10 +157,11 @@ class RouteView:
 
     def draw(self, axes: Axes, outcome: Outcome) -> None:
         """Draw a mark for each match by its outcome."""
-        if self.place is None:
+        if self.route is None:
             _draw_along(axes, outcome, self.at, self.label)
             return
-        route, shown = self._local(self.place), self._local(self.at)
+        route = self.route.metres(self.route.position)[:, :2]
+        shown = self.route.metres(self.at)[:, :2]
         axes.plot(*route.T, color=GREY, lw=1.2, alpha=0.7, zorder=1, label="route of the map")
         matched = route[outcome.matches.place]
         for of, colour in ((outcome.wrong & ~outcome.accepted, GREY),
@@ -178,30 +175,27 @@ class RouteView:
             )  # fmt: skip
         draw_outcomes(axes, shown[:, 0], shown[:, 1], outcome)
         axes.set_aspect("equal", adjustable="datalim")
-        east_north = ("east (m)", "north (m)") if self.kind == "geographic" else ("x (m)", "y (m)")
-        axes.set(xlabel=east_north[0], ylabel=east_north[1])
+        if self.route.kind == "geographic":
+            axes.set(xlabel="east (m)", ylabel="north (m)")
+        else:
+            axes.set(xlabel="x (m)", ylabel="y (m)")
 
     def height(self, outcome: Outcome, width: float) -> float:
         """Return a height in inches for axes of a width."""
-        if self.place is None:
+        if self.route is None:
             return 0.8 + 0.36 * len(_groups(outcome))
-        route = self._local(self.place)
+        route = self.route.metres(self.route.position)[:, :2]
         across, along = np.ptp(route[np.isfinite(route).all(axis=1)], axis=0)
         return float(np.clip(width * along / max(across, 1e-9), 2.2, 5.5)) + 0.7
 
     def figure(self, outcome: Outcome) -> Figure:
         """Return the view as a figure of its own."""
-        above = self.place is not None
+        above = self.route is not None
         with figure(WIDTH, self.height(outcome, WIDTH) + 0.5 * above) as (drawing, axes):
             self.draw(axes, outcome)
             if above:
                 legend_below(drawing, [axes], 2, fontsize=10)
         return drawing
-
-    def _local(self, position: Floats) -> Floats:
-        assert self.place is not None
-        origin = self.place[np.isfinite(self.place).all(axis=1)][0]
-        return local_metres(self.kind, position, origin)[:, :2]
 
 
 def _draw_along(axes: Axes, outcome: Outcome, at: Floats, label: str) -> None:

@@ -20,7 +20,6 @@ from edge_vpr.descriptors.counting import EventSource, WindowSource
 from edge_vpr.descriptors.windows import Descriptors
 from edge_vpr.errors import UsageError
 from edge_vpr.evaluation.ground_truth import TruePositions
-from edge_vpr.evaluation.tracks import local_metres
 from edge_vpr.files import replacing
 from edge_vpr.map_record import describe_query
 from edge_vpr.matching.drive import query_distances
@@ -173,8 +172,7 @@ class _Film:
         route, places = self._replay.reference.route, self._replay.outcome.matches.place
         axes.set_title("position")
         if route is not None and route.position.shape[1] > 1:
-            origin = route.position[np.isfinite(route.position).all(axis=1)][0]
-            flat = local_metres(route.kind, route.position, origin)[:, :2]
+            flat = route.metres(route.position)[:, :2]
             axes.plot(*flat.T, color=GREY, lw=1.5, alpha=0.6)
             axes.set_aspect("equal", adjustable="datalim")
             geographic = route.kind == "geographic"
@@ -202,8 +200,7 @@ class _Film:
         if true is None:
             return None
         if route is not None and true.query.shape[1] > 1:
-            origin = route.position[np.isfinite(route.position).all(axis=1)][0]
-            return local_metres(route.kind, true.query, origin)[:, :2]
+            return route.metres(true.query)[:, :2]
         apart = np.abs(true.place[:, 0] - true.query)
         nearest = np.argmin(np.where(np.isnan(apart), np.inf, apart), axis=1)
         at = np.where(np.isnan(true.query[:, 0]), np.nan, self._x[nearest])
