@@ -749,14 +749,13 @@ _US_PER_UNIT = {
     "us": Fraction(1),
     "ns": Fraction(1, 1000),
 }
-#: Usual rate of a moving camera in events/s a pixel, and lowest one in events/s; shortest and
-#: longest usual recording in s.
-_USUAL_RATE, _SLOWEST, _SHORTEST, _LONGEST = 3.0, 1_000.0, 1.0, 3_600.0
+#: Usual rate of a moving camera in events/s a pixel; shortest and longest usual recording in s.
+_USUAL_RATE, _SHORTEST, _LONGEST = 3.0, 1.0, 3_600.0
 #: A unit is doubted if another one is more usual by `_DOUBTFUL` powers of ten, or if the shortest
 #: step between times exceeds `_LONGEST_STEP_US`; of float32, whose steps are of its digits and not
 #: of the camera, `_LONGEST_OF_FLOAT32_US`. A unit that is odd by more than `_IMPOSSIBLE` powers of
 #: ten is not proposed.
-_DOUBTFUL, _LONGEST_STEP_US, _LONGEST_OF_FLOAT32_US, _IMPOSSIBLE = 2.0, 10_000, 2_000, 4.0
+_DOUBTFUL, _LONGEST_STEP_US, _LONGEST_OF_FLOAT32_US, _IMPOSSIBLE = 2.0, 1_000_000, 2_000, 4.0
 
 
 def _doubt(events: Events, share: float | None, sensor: Sensor, assumed: str, float32: bool) -> str:
@@ -777,11 +776,15 @@ def _doubt(events: Events, share: float | None, sensor: Sensor, assumed: str, fl
     if n < _FEWEST:
         return ""
     steps = np.diff(events["t"])
-    step_us = int(steps[steps > 0].min(initial=TIME_LIMIT_US))
+    steps = steps[steps > 0]
+    if not steps.size and n < sensor.pixels and share != 1.0 and not float32:
+        return ""  # part of the first frame of a simulator
+    step_us = int(steps.min(initial=TIME_LIMIT_US))
     longest_us = _LONGEST_OF_FLOAT32_US if float32 else _LONGEST_STEP_US
     # of most parts, since a clock that jumps makes one of them long
     part = n // _PARTS
-    usual_us = max(1.0, float(np.median(np.diff(events["t"][::part]))) * (n - 1) / part)
+    of_parts = float(np.median(np.diff(events["t"][::part]))) * (n - 1) / part
+    usual_us = max(1.0, of_parts, float(steps.size * step_us))
 
     def oddness(factor: Fraction) -> float:
         """Return by how many powers of ten rate and duration are unusual if times are scaled."""
@@ -801,8 +804,7 @@ def _doubt(events: Events, share: float | None, sensor: Sensor, assumed: str, fl
             "times: save them as whole microseconds or float64, since float32 has too few digits "
             "for such times"
         )
-    usual_rate = n * 1e6 / usual_us
-    if best == assumed or (odd[assumed] < odd[best] + _DOUBTFUL and usual_rate >= _SLOWEST):
+    if odd[assumed] < odd[best] + _DOUBTFUL:
         return ""
     rate = n * 1e6 / duration_us
     return (

@@ -250,11 +250,21 @@ def test_seconds_of_few_digits_are_remarked_on(events):
         open_recording(columns, sensor="32x32")
 
 
-@pytest.mark.parametrize("step_us", [1_000, 5_000, 10_000])
-def test_times_of_frames_of_a_simulator_are_in_microseconds(events, step_us):
-    columns = four(events)
-    columns[0] = columns[0] // step_us * step_us
-    assert not open_recording(columns, sensor="32x32").remark
+@pytest.mark.parametrize("step_us", [1_000, 10_000, 33_333, 100_000])
+@pytest.mark.parametrize("sensor", [Sensor(32, 32), Sensor(1280, 720)])
+def test_times_of_frames_of_a_simulator_are_in_microseconds(sensor, step_us):
+    n = 3 * sensor.pixels
+    t = np.linspace(0, 3_000_000, n).astype(np.int64) // step_us * step_us
+    x, y = np.random.default_rng(0).integers(0, [[sensor.width], [sensor.height]], (2, n))
+    assert not open_recording((t, x, y, x % 2), sensor=sensor).remark
+
+
+def test_a_camera_that_stands_may_give_an_event_of_each_pixel_in_two_minutes():
+    rng = np.random.default_rng(0)
+    t, x, y = np.sort(rng.integers(0, 3_600_000_000, 36_000)), *rng.integers(0, 32, (2, 36_000))
+    assert not open_recording((t, x, y, x % 2), sensor="32x32").remark
+    with pytest.warns(EdgeVprWarning, match="more likely, pass time_unit='ns'"):
+        open_recording((t * 1000, x, y, x % 2), sensor="32x32")
 
 
 def test_columns_of_text_and_columns_as_rows_name_their_remedy(events):
