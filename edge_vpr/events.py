@@ -192,10 +192,17 @@ def check_events(events: Events, sensor: Sensor, *, after: int | None = None) ->
             f"time runs backwards at event {i + 1}, from {t[i]} to {t[i + 1]} us: "
             "sort the events, or drop the late ones when reading"
         )
-    if after is not None and t[0] < after:
+    if after is not None:
+        check_after(events, after)
+
+
+def check_after(events: Events, floor_us: int) -> None:
+    """Check that the first event is not earlier than a time: the last one before it, or 0."""
+    first = int(events["t"][0])
+    if first < floor_us:
         raise EventError(
-            f"time runs backwards between two chunks, from {after} to {t[0]} us: "
-            "feed the chunks in order"
+            f"time runs backwards, from {floor_us} to {first} us: sort the events, or drop the "
+            "late ones; times count from 0, the start of the recording"
         )
 
 

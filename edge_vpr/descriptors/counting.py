@@ -31,6 +31,7 @@ from edge_vpr.events import (
     Events,
     Sensor,
     SensorSize,
+    check_after,
     check_event_array,
     check_events,
     in_order,
@@ -348,6 +349,7 @@ class DescriptorStream:
         check_event_array(events)
         if events.size == 0:
             return
+        check_after(events, self.last_us)
         if isinstance(self._window, FixedTime):
             yield from self._fixed_time(events, int(events["t"][-1]), self._window.tau_us)
         else:

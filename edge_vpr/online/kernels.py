@@ -14,7 +14,7 @@ from edge_vpr.compiling import kernel
 from edge_vpr.confidence import NO_MISFIT, accept_match
 from edge_vpr.descriptors.windows import MAX_WINDOWS, is_pause
 from edge_vpr.errors import EventError
-from edge_vpr.events import TIME_LIMIT_US, Events, Sensor, check_events
+from edge_vpr.events import TIME_LIMIT_US, Events, Sensor, check_after, check_events
 from edge_vpr.matching.filter_match import (
     METRIC,
     MISFIT,
@@ -211,12 +211,8 @@ def check_order(events: Events, floor_us: int, sensor: Sensor) -> None:
     EventError
         If time runs backwards or a pixel lies off the sensor.
     """
-    first, last = int(events["t"][0]), int(events["t"][-1])
-    if first < floor_us:
-        raise EventError(
-            f"time runs backwards, from {floor_us} to {first} us: sort the events, or drop the "
-            "late ones"
-        )
+    check_after(events, floor_us)
+    last = int(events["t"][-1])
     if last > TIME_LIMIT_US:
         raise EventError(
             f"an event at {last} us lies beyond {TIME_LIMIT_US} us: check the unit of its clock"

@@ -421,10 +421,13 @@ def wrongly_cut(events):
     off["x"][7] = SENSOR.width
     wide = events.astype([("t", "f8"), ("x", "f8"), ("y", "i4"), ("p", "i1")])
     wide["x"][7] += 0.5
+    early = events.copy()
+    early["t"] -= events["t"][0] + 5
     return {
-        "two chunks": [events[100:], events[:100]],
+        "backwards, from": [events[100:], events[:100]],
+        "from 0 to -5 us: .* times count from 0": [early],
         "backwards at event 1": [events[::-1]],
-        "between": [events[::2], events[1::2]],
+        "backwards, from [0-9]": [events[::2], events[1::2]],
         "off the 9x7 sensor": [off],
         "column x holds": [wide],
         "events are a tuple": [tuple(events[name] for name in "txyp")],
