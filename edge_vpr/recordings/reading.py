@@ -749,8 +749,9 @@ _US_PER_UNIT = {
     "us": Fraction(1),
     "ns": Fraction(1, 1000),
 }
-#: Usual rate of a moving camera in events/s a pixel; shortest and longest usual recording in s.
-_USUAL_RATE, _SHORTEST, _LONGEST = 3.0, 1.0, 3_600.0
+#: Usual rate of a moving camera in events/s a pixel, and lowest one of a camera of any size in
+#: events/s; shortest and longest usual recording in s.
+_USUAL_RATE, _SLOWEST, _SHORTEST, _LONGEST = 3.0, 5.0, 1.0, 3_600.0
 #: A unit is doubted if another one is more usual by `_DOUBTFUL` powers of ten, or if the shortest
 #: step between times exceeds `_LONGEST_STEP_US`; of float32, whose steps are of its digits and not
 #: of the camera, `_LONGEST_OF_FLOAT32_US`. A unit that is odd by more than `_IMPOSSIBLE` powers of
@@ -804,7 +805,8 @@ def _doubt(events: Events, share: float | None, sensor: Sensor, assumed: str, fl
             "times: save them as whole microseconds or float64, since float32 has too few digits "
             "for such times"
         )
-    if odd[assumed] < odd[best] + _DOUBTFUL:
+    usual_rate = n * 1e6 / usual_us
+    if best == assumed or (odd[assumed] < odd[best] + _DOUBTFUL and usual_rate >= _SLOWEST):
         return ""
     rate = n * 1e6 / duration_us
     return (
