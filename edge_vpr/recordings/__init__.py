@@ -117,15 +117,14 @@ FORMATS: dict[str, Format] = {each.name: each for each in (
            (".raw",)),
     Format("evt21", "Prophesee RAW EVT 2.1", ".prophesee:EvtSource"),
     Format("evt3", "Prophesee RAW EVT 3.0", ".prophesee:EvtSource"),
-    Format("dat", "Prophesee DAT", ".prophesee:DatSource", ".prophesee:DatSink", (".dat",)),
+    Format("dat", "Prophesee DAT", ".prophesee:DatSource", "", (".dat",)),
     Format("aedat4", "iniVation AEDAT 4", ".aedat:Aedat4Source", "", (".aedat4",)),
     Format("aedat3", "cAER AEDAT 3.1", ".aedat:Aedat3Source"),
     Format("aedat2", "jAER AEDAT 2", ".aedat:Aedat2Source", "", (".aedat", ".aedat2")),
-    Format("hdf5", "HDF5 (Metavision, DSEC)", ".hdf5:Hdf5Source", ".hdf5:Hdf5Sink",
-           (".h5", ".hdf5")),
+    Format("hdf5", "HDF5 (Metavision, DSEC)", ".hdf5:Hdf5Source", "", (".h5", ".hdf5")),
     Format("rosbag1", "ROS 1 bag", ".rosbag:BagSource", "", (".bag",)),
     Format("rosbag2", "ROS 2 bag", ".rosbag:BagSource", "", (".db3", ".mcap")),
-    Format("es", "Event Stream", ".es:EsSource", ".es:EsSink", (".es",)),
+    Format("es", "Event Stream", ".es:EsSource", "", (".es",)),
 )}  # fmt: skip
 #: Suffixes of the formats of this package that can be written.
 WRITTEN = tuple(suffix for each in FORMATS.values() if each.sink for suffix in each.suffixes)
@@ -437,7 +436,7 @@ def write_recording(
         Needed unless `events` has an attribute `sensor`, as a recording does.
     start_us : int, optional
         Time t = 0 on an outer clock; by default the attribute `start_us` of `events`, else 0. The
-        formats .npz, .parquet, .raw, .dat and .h5 keep it.
+        formats .npz, .npy, .csv, .parquet and .raw keep it.
     overwrite : bool
         Whether a file that exists may be replaced.
 

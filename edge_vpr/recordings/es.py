@@ -1,23 +1,20 @@
-"""Event Stream (``.es``), with faery's decoder and encoder.
+"""Event Stream (``.es``), with faery's decoder.
 
 Row 0 of the format is the lowest one: this module turns the rows, as faery's own streams do.
 """
 
 from __future__ import annotations
 
-import errno
 import os
-import re
 import struct
 from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from edge_vpr.errors import RecordingError
-from edge_vpr.events import Events, Sensor
+from edge_vpr.events import Sensor
 from edge_vpr.recordings.decoding import import_extra
 from edge_vpr.recordings.reading import Columns, FaultLog, ReadOptions, Source, in_chunks
 
@@ -25,7 +22,6 @@ from edge_vpr.recordings.reading import Columns, FaultLog, ReadOptions, Source, 
 _PAUSES = {"dvs": b"\xfe\xff", "atis": b"\xfc\xfd\xfe\xff"}
 #: longest end of a file in which its last event is looked for; 8 s of pauses
 _END_BYTES = 1 << 16
-_FAERY = np.dtype([("t", "<u8"), ("x", "<u2"), ("y", "<u2"), ("on", "?")])
 
 
 def _es() -> Any:
@@ -81,43 +77,3 @@ class EsSource(Source):
             _, found, rest = file.read().rpartition(last)
         if found and 0 < len(rest.lstrip(pauses)) < 5:
             log.truncated(len(rest), f"byte {size - len(rest):,}, within an event")
-
-
-@contextmanager
-def _disk_errors() -> Iterator[None]:
-    """Convert the encoder's exceptions to those that Python's own files raise."""
-    try:
-        yield
-    except RuntimeError as error:
-        match = re.search(r"\(os error (\d+)\)", str(error))
-        number = int(match[1]) if match else errno.EIO
-        raise OSError(number, os.strerror(number)) from error
-
-
-class EsSink:
-    """Write DVS events; the format keeps their times, but not `start_us`."""
-
-    def __init__(self, path: Path, sensor: Sensor, start_us: int) -> None:
-        es = _es()
-        with _disk_errors():
-            self._encoder = es.Encoder(path, "dvs", False, tuple(sensor))
-            self._encoder.__enter__()
-        self._top = sensor.height - 1
-
-    def write(self, events: Events) -> None:
-        """Append events."""
-        if events["t"][0] < 0:
-            raise RecordingError(
-                f"time {events['t'][0]} us is negative, which .es cannot hold: use .npz"
-            )
-        packet = np.empty(events.size, _FAERY)
-        packet["t"], packet["x"] = events["t"], events["x"]
-        packet["y"] = self._top - events["y"]
-        packet["on"] = events["p"]
-        with _disk_errors():
-            self._encoder.write(packet)
-
-    def close(self) -> None:
-        """End the file."""
-        with _disk_errors():
-            self._encoder.__exit__(None, None, None)

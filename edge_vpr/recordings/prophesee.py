@@ -120,16 +120,15 @@ def encoding_of(path: Path) -> str | None:
     return header.encoding
 
 
-def _header_lines(encoding: str, sensor: Sensor, start_us: int) -> bytes:
-    """Return the header of a file that we write; `encoding` is ``"evt2"`` or ``"dat"``."""
-    width, height = sensor
-    lines = {
-        "evt2": ["evt 2.0", f"format EVT2;height={height};width={width}", f"geometry {sensor}"],
-        "dat": ["Data file of CD events", "Version 2", f"Height {height}", f"Width {width}"],
-    }[encoding]
-    lines.append(f"{START_FIELD} {start_us}")
-    if encoding == "evt2":
-        lines.append("end")
+def _header_lines(sensor: Sensor, start_us: int) -> bytes:
+    """Return the header of a file that we write."""
+    lines = [
+        "evt 2.0",
+        f"format EVT2;height={sensor.height};width={sensor.width}",
+        f"geometry {sensor}",
+        f"{START_FIELD} {start_us}",
+        "end",
+    ]
     return "".join(f"% {line}\n" for line in lines).encode("ascii")
 
 
@@ -455,9 +454,11 @@ class Evt2Sink:
 
     def __init__(self, path: Path, sensor: Sensor, start_us: int) -> None:
         if max(sensor) > 2048:
-            raise RecordingError(f"EVT 2.0 holds up to 2048x2048 pixels, and not {sensor}: use .h5")
+            raise RecordingError(
+                f"EVT 2.0 holds up to 2048x2048 pixels, and not {sensor}: use .npz"
+            )
         self._file = path.open("wb")
-        self._file.write(_header_lines("evt2", sensor, start_us))
+        self._file.write(_header_lines(sensor, start_us))
         self._high = -1
 
     def write(self, events: Events) -> None:
@@ -530,43 +531,3 @@ class DatSource(Source):
                 (pixel >> 14 & 0x3FFF).astype(np.uint16),
                 (pixel & 1 << 28) != 0,
             )
-
-
-class DatSink:
-    """Write DAT version 2, whose clock wraps at 32 bits."""
-
-    def __init__(self, path: Path, sensor: Sensor, start_us: int) -> None:
-        if max(sensor) > 1 << 14:
-            raise RecordingError(f"DAT holds up to 16384x16384 pixels, and not {sensor}: use .h5")
-        self._file = path.open("wb")
-        self._file.write(_header_lines("dat", sensor, start_us) + bytes((12, _EVENT.itemsize)))
-        self._last = 0
-
-    def write(self, events: Events) -> None:
-        """Append events.
-
-        Raises
-        ------
-        RecordingError
-            If there is a gap of more than 35 minutes, which looks like a wrapped clock.
-        """
-        t = events["t"]
-        gap = int(np.diff(t, prepend=self._last).max())
-        if t[0] < 0 or gap >= 1 << 31:
-            raise RecordingError(
-                f"a gap of {gap / 6e7:.1f} minutes, or a negative time, cannot be "
-                "distinguished from a wrapped clock in DAT: use .npz"
-            )
-        rows = np.empty(events.size, _EVENT)
-        rows["t"] = t & 0xFFFFFFFF
-        rows["pixel"] = (
-            events["x"].astype(np.uint32)
-            | events["y"].astype(np.uint32) << 14
-            | events["p"].astype(np.uint32) << 28
-        )
-        self._file.write(rows.tobytes())
-        self._last = int(t[-1])
-
-    def close(self) -> None:
-        """End the file."""
-        self._file.close()

@@ -211,10 +211,16 @@ def test_events_before_the_first_time_are_dropped_and_counted_but_no_error(tmp_p
     assert str(recording.faults) == "2 undated"
 
 
+DAT_HEAD = b"% Data file containing CD events.\n% Version 2\n% Height 480\n% Width 640\n\x0c\x08"
+
+
 @pytest.mark.parametrize(("suffix", "size"), [(".raw", 4), (".dat", 8)])
 def test_a_file_that_ends_within_an_event_says_at_which_byte(suffix, size, tmp_path):
     path = tmp_path / f"a{suffix}"
-    write_recording(path, make_events([0, 1, 2], [1, 2, 3], [1, 2, 3]), sensor=SENSOR)
+    if suffix == ".raw":
+        write_recording(path, make_events([0, 1, 2], [1, 2, 3], [1, 2, 3]), sensor=SENSOR)
+    else:
+        path.write_bytes(DAT_HEAD + struct.pack("<6I", 0, 1, 1, 2, 2, 3))
     data = path.read_bytes()
     path.write_bytes(data[:-1])
     where = f"{len(data) - size:,}"
@@ -335,9 +341,8 @@ def test_aedat2_without_a_chip_is_read_with_the_size_of_the_sensor(sensor, first
 def test_dat_is_read_beyond_the_wrap_of_its_32_bits(tmp_path):
     pixel = 3 | 4 << 14 | 1 << 28
     path = tmp_path / "a.dat"
-    head = b"% Data file containing CD events.\n% Version 2\n% Height 480\n% Width 640\n"
     times = [(1 << 32) - 10, (1 << 32) - 1, 0, 5]
-    path.write_bytes(head + bytes((12, 8)) + b"".join(struct.pack("<II", t, pixel) for t in times))
+    path.write_bytes(DAT_HEAD + b"".join(struct.pack("<II", t, pixel) for t in times))
     events, recording = absolute(path, chunk_events=1)
     assert (events["t"] - events["t"][0]).tolist() == [0, 9, 10, 15]
     assert events[0].tolist() == ((1 << 32) - 10, 3, 4, True)
@@ -346,7 +351,6 @@ def test_dat_is_read_beyond_the_wrap_of_its_32_bits(tmp_path):
 
 def test_what_we_write_other_readers_read(tmp_path):
     expelliarmus = pytest.importorskip("expelliarmus")
-    faery = pytest.importorskip("faery")
     rng = np.random.default_rng(0)
     n = 3000
     events = make_events(
@@ -355,15 +359,9 @@ def test_what_we_write_other_readers_read(tmp_path):
         rng.integers(0, 480, n),
         rng.integers(0, 2, n),
     )
-    for suffix, encoding in ((".raw", "evt2"), (".dat", "dat")):
-        write_recording(tmp_path / f"a{suffix}", events, sensor=SENSOR)
-        other = expelliarmus.Wizard(encoding=encoding).read(str(tmp_path / f"a{suffix}"))
-        assert np.array_equal(make_events(other["t"], other["x"], other["y"], other["p"]), events)
-    write_recording(tmp_path / "a.es", events, sensor=SENSOR)
-    stream = faery.events_stream_from_file(tmp_path / "a.es")
-    other = stream.to_array()
-    assert stream.dimensions() == SENSOR
-    assert np.array_equal(make_events(other["t"], other["x"], other["y"], other["on"]), events)
+    write_recording(tmp_path / "a.raw", events, sensor=SENSOR)
+    other = expelliarmus.Wizard(encoding="evt2").read(str(tmp_path / "a.raw"))
+    assert np.array_equal(make_events(other["t"], other["x"], other["y"], other["p"]), events)
 
 
 @pytest.mark.parametrize("kind", ["dvs", "atis"])
@@ -378,7 +376,10 @@ def test_a_cut_off_es_file_is_noticed(kind, tmp_path):
         encoder.write(packet)
     whole, path = (tmp_path / "whole.es").read_bytes(), tmp_path / "a.es"
     path.write_bytes(whole + b"\xff\xff")
-    assert len(*open_recording(path)) == 3
+    (read,) = open_recording(path)
+    assert read["t"].tolist() == packet["t"].tolist()
+    assert read["x"].tolist() == packet["x"].tolist()
+    assert (SENSOR.height - 1 - read["y"]).tolist() == packet["y"].tolist()  # row 0 is the lowest
     for cut in range(1, 5):
         path.write_bytes(whole[:-cut])
         with pytest.raises(RecordingError, match=r"cut off: .* within an event"):
