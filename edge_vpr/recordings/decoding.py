@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import bz2
 import io
 import math
 import re
@@ -11,7 +10,7 @@ import warnings
 from collections.abc import Callable, Iterator, Mapping
 from importlib import import_module
 from pathlib import Path
-from typing import IO, Any, BinaryIO, NamedTuple
+from typing import IO, Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -271,9 +270,9 @@ def choose_stream(
 # Decompression with a limit: a few bytes cannot become gigabytes of memory.
 
 
-#: Most bytes that one packet, chunk or message of a recording may expand to.
+#: Most bytes that one packet of a recording may expand to.
 LIMIT_BYTES = 1 << 26
-#: Bytes that are read, and expanded, at a time.
+#: Bytes that are expanded at a time.
 PIECE_BYTES = 1 << 20
 
 
@@ -287,33 +286,16 @@ def lz4(what: str, extra: str) -> Callable[[bytes], bytes]:
     return lambda data: expand(frame.LZ4FrameDecompressor, data, (RuntimeError, EOFError))
 
 
-def zstd_decompressor(
-    what: str, extra: str
-) -> tuple[Callable[[], Any], tuple[type[Exception], ...]]:
-    """Return a maker of Zstandard decompressors, and its exceptions; errors name `what`."""
-    package = "compression" if sys.version_info >= (3, 14) else "backports"
-    zstd = import_extra(f"{package}.zstd", f"{what}, ZSTD", "backports.zstd", extra)
-    return zstd.ZstdDecompressor, (zstd.ZstdError, EOFError)
-
-
 def zstd(what: str, extra: str) -> Callable[[bytes], bytes]:
     """Return a function that decompresses Zstandard frames; errors name `what`."""
-    decompressor, errors = zstd_decompressor(what, extra)
-    return lambda data: expand(decompressor, data, errors)
+    package = "compression" if sys.version_info >= (3, 14) else "backports"
+    library = import_extra(f"{package}.zstd", f"{what}, ZSTD", "backports.zstd", extra)
+    errors = (library.ZstdError, EOFError)
+    return lambda data: expand(library.ZstdDecompressor, data, errors)
 
 
-def bzip2(data: bytes) -> bytes:
-    """Decompress bzip2 streams."""
-    return expand(bz2.BZ2Decompressor, data, (OSError, EOFError))
-
-
-def expand(
-    new: Callable[[], Any],
-    data: bytes,
-    errors: tuple[type[Exception], ...],
-    limit: int | None = None,
-) -> bytes:
-    """Decompress one or more frames, and stop at the limit.
+def expand(new: Callable[[], Any], data: bytes, errors: tuple[type[Exception], ...]) -> bytes:
+    """Decompress one or more frames, and stop at `LIMIT_BYTES`.
 
     Parameters
     ----------
@@ -321,59 +303,28 @@ def expand(
         Function that makes a decompressor with the interface of :class:`bz2.BZ2Decompressor`.
     errors : tuple of exception types
         Exceptions that the decompressor raises for damaged data.
-    limit : int, optional
-        Most bytes of the result; by default :data:`LIMIT_BYTES`.
 
     Raises
     ------
     DecompressionError
-        If the data is damaged, cut off, or expands to more than `limit`.
+        If the data is damaged, cut off, or expands to more than the limit.
     """
-    limit = LIMIT_BYTES if limit is None else limit
-    return b"".join(expand_file(new, io.BytesIO(data), errors, limit))
-
-
-def expand_file(
-    new: Callable[[], Any], file: BinaryIO, errors: tuple[type[Exception], ...], limit: int
-) -> Iterator[bytes]:
-    """Decompress the frames of a file piece by piece, and stop at the limit.
-
-    Parameters
-    ----------
-    new, errors, limit
-        As for :func:`expand`.
-    file : binary file
-        Read to its end.
-
-    Yields
-    ------
-    bytes
-        At most :data:`PIECE_BYTES`.
-
-    Raises
-    ------
-    DecompressionError
-        As for :func:`expand`; the pieces yielded before are correct.
-    """
-    size = 0
-    rest = file.read(PIECE_BYTES)
+    parts, size, rest = list[bytes](), 0, data
     while rest:
         frame = new()
         while not frame.eof:
             if frame.needs_input and not rest:
-                rest = file.read(PIECE_BYTES)
-                if not rest:
-                    raise DecompressionError("the compressed data is cut off")
+                raise DecompressionError("the compressed data is cut off")
             try:
-                part = frame.decompress(rest, max_length=min(PIECE_BYTES, limit + 1 - size))
+                part = frame.decompress(rest, max_length=min(PIECE_BYTES, LIMIT_BYTES + 1 - size))
             except errors as error:
                 raise DecompressionError(str(error)) from error
             rest = b""  # the decompressor keeps the bytes that it has not used
             size += len(part)
-            if size > limit:
-                raise DecompressionError(f"it expands to more than {limit:,} bytes")
-            if part:
-                yield part
-            elif not (frame.eof or frame.needs_input):
+            if size > LIMIT_BYTES:
+                raise DecompressionError(f"it expands to more than {LIMIT_BYTES:,} bytes")
+            if not (part or frame.eof or frame.needs_input):
                 raise DecompressionError("the compressed data gives nothing")
-        rest = frame.unused_data or file.read(PIECE_BYTES)
+            parts.append(part)
+        rest = frame.unused_data
+    return b"".join(parts)

@@ -5,12 +5,9 @@ from __future__ import annotations
 import io
 import os
 import struct
-import tempfile
-import weakref
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import ExitStack, contextmanager
-from importlib import import_module
-from pathlib import Path, PurePath
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
 from typing import IO, Any, NamedTuple
 
 import numpy as np
@@ -19,16 +16,9 @@ import numpy.typing as npt
 from edge_vpr.compiling import kernel
 from edge_vpr.errors import EdgeVprError, RecordingError, UsageError
 from edge_vpr.events import Sensor
-from edge_vpr.files import work_folder
 from edge_vpr.recordings.decoding import (
-    DecompressionError,
     Unwrapper,
-    bzip2,
-    expand_file,
     import_extra,
-    lz4,
-    zstd,
-    zstd_decompressor,
 )
 from edge_vpr.recordings.prophesee import EvtWordDecoder
 from edge_vpr.recordings.reading import (
@@ -407,76 +397,12 @@ def _mono(words: npt.NDArray[np.uint64], base_ns: int) -> Columns:
     return Columns(t, x, y, words >> np.uint64(63) == 1)
 
 
-# Expansion of ROS 2 bags of compression mode ``file`` with limits, which rosbags lacks.
-
-
-#: Limits of the expanded size: this number of bytes, or this multiple of the files' size.
-LEAST_BYTES, MOST_EXPANSION = 1 << 28, 32
-_LISTING = "metadata.yaml"
-
-
-def _expand_bag(folder: Path, owner: object) -> Path:
-    """Expand a bag of compressed files; return its folder, or `folder` if they are not compressed.
-
-    The new folder is a temporary one, which is removed with `owner`, or when Python ends.
-    """
-    from ruamel.yaml import YAML
-
-    yaml = YAML(typ="safe")
-    listing = yaml.load((folder / _LISTING).read_text("utf-8"))
-    facts = listing["rosbag2_bagfile_information"]
-    compressed = str(facts.get("compression_mode", "")).lower() == "file"
-    if not compressed or facts.get("compression_format") != "zstd":
-        return folder
-    # rosbags uses only the last part of a path
-    paths = [folder / PurePath(name).name for name in facts["relative_file_paths"]]
-    held = sum(path.stat().st_size for path in set(paths))
-    left = max(LEAST_BYTES, MOST_EXPANSION * held)
-    stack = ExitStack()
-    # the next run removes what a killed run leaves there
-    target = stack.enter_context(work_folder(Path(tempfile.gettempdir()) / folder.name))
-    weakref.finalize(owner, stack.close)
-    names = []
-    for i, path in enumerate(paths):
-        names.append(f"{i}{PurePath(path.stem).suffix}")
-        try:
-            left -= _write(target / names[-1], _expanded(path, left))
-        except DecompressionError as error:
-            raise RecordingError(f"{path} cannot be expanded ({error}): copy it again") from error
-    changed: dict[str, Any] = {"compression_mode": "", "compression_format": ""}
-    facts |= {**changed, "relative_file_paths": names, "files": []}
-    with (target / _LISTING).open("w", encoding="utf-8") as file:
-        yaml.dump(listing, file)
-    return target
-
-
-def _expanded(path: Path, limit: int) -> Iterator[bytes]:
-    decompressor, errors = zstd_decompressor(str(path), "ros")
-    with path.open("rb") as file:
-        yield from expand_file(decompressor, file, errors, limit)
-
-
-def _write(path: Path, parts: Iterator[bytes]) -> int:
-    """Write the parts, and return their total size."""
-    size = 0
-    with path.open("wb") as file:
-        for part in parts:
-            try:
-                file.write(part)
-            except OSError as error:
-                raise RecordingError(
-                    f"{path.parent} is too small to expand the bag ({error.strerror} after "
-                    f"{size:,} bytes): name a larger folder with TMPDIR"
-                ) from error
-            size += len(part)
-    return size
-
-
-# Bags of ROS 1 and ROS 2, read message by message with rosbags, with limits that it lacks.
+# Bags of ROS 1 and ROS 2, read message by message with rosbags.
 
 
 #: rosbags' names of the storage formats of ROS 2 bags, by suffix.
 _STORAGES = {".mcap": "mcap", ".db3": "sqlite3"}
+_LISTING = "metadata.yaml"
 _LONGEST_METADATA = 1 << 22
 
 
@@ -579,41 +505,32 @@ class Bag:
     Raises
     ------
     RecordingError
-        If its files cannot be found or expanded.
+        If its files cannot be found.
     """
 
     def __init__(self, path: Path, ros: int) -> None:
         self.path, self.ros = path, ros
         self._rosbags = import_extra(f"rosbags.rosbag{ros}", "a ROS bag", "rosbags", "ros")
         self._place = _place(path) if ros == 2 else path
-        self._expand: Callable[[bytes], bytes] = bytes
-        if ros == 2 and self._place.is_dir():
-            with self.errors():
-                self._place = _expand_bag(self._place, self)
 
     @contextmanager
     def open(self) -> Iterator[Any]:
-        """Open the bag with rosbags, with a limit on the expanded size of its parts."""
-        if self.ros == 2:
-            _limit_mcap()
+        """Open the bag with rosbags."""
         with self._rosbags.Reader(_BoundedPath(self._place)) as reader:
-            if self.ros == 1:
-                reader.chunks = {at: _limited(chunk) for at, chunk in reader.chunks.items()}
-            self._expand = self._take_over(reader)
             yield reader
 
     def messages(self, reader: Any, topic: str) -> Iterator[bytes]:
         """Yield the serialised messages of a topic."""
         connections = [c for c in reader.connections if c.topic == topic]
         for _, _, data in reader.messages(connections=connections):
-            yield self._expand(data)
+            yield bytes(data)
 
     @contextmanager
     def errors(self) -> Iterator[None]:
         """Convert exceptions of rosbags' parsers to a RecordingError with a remedy."""
         try:
             yield
-        except (EdgeVprError, MemoryError):
+        except (EdgeVprError, MemoryError, OSError):
             raise
         except Exception as error:
             remedy = "rosbag reindex" if self.ros == 1 else "ros2 bag reindex"
@@ -641,15 +558,6 @@ class Bag:
                 log.truncated(
                     size - cut[0], f"byte {cut[0]:,} of {path.name}, which mcap recover can mend"
                 )
-
-    def _take_over(self, reader: Any) -> Callable[[bytes], bytes]:
-        """Return the function that decompresses messages; rosbags would do it without a limit."""
-        storage = getattr(reader, "storage", None)
-        mode = getattr(getattr(storage, "metadata", None), "compression_mode", None)
-        if mode != "message" or storage is None:
-            return bytes
-        storage.metadata = storage.metadata._replace(compression_mode=None)
-        return zstd(str(self.path), "ros")
 
 
 def _place(path: Path) -> Path:
@@ -694,23 +602,6 @@ def _metadata_fault(listing: Path) -> str:
     }:
         return f"has the storage identifier {storage!r} for files {', '.join(map(str, names))}"
     return ""
-
-
-def _limit_mcap() -> None:
-    """Give rosbags' decompressors of MCAP chunks a limit; they have none of their own."""
-    storage = import_module("rosbags.rosbag2.storage_mcap")
-    for name, limited in (("lz4", lz4("MCAP", "ros")), ("zstd", zstd("MCAP", "ros"))):
-        storage.DECOMPRESSORS[name] = lambda data, _, limited=limited: limited(data)
-
-
-def _limited(chunk: Any) -> Any:
-    """Return a chunk of a ROS 1 bag whose decompression has a limit."""
-    name = getattr(chunk.decompressor, "__module__", None)
-    if name in ("bz2", "_bz2"):
-        return chunk._replace(decompressor=bzip2)
-    if name is not None and name.startswith("lz4"):
-        return chunk._replace(decompressor=lz4("a ROS bag", "ros"))
-    return chunk
 
 
 #: Message types with one structure for each event, and those with a camera's own words.

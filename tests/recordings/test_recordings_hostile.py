@@ -21,8 +21,8 @@ import recording_files as files
 
 from edge_vpr.errors import EdgeVprError, RecordingError
 from edge_vpr.events import EVENT_DTYPE, Sensor, make_events
-from edge_vpr.recordings import frames, open_recording, write_recording
-from edge_vpr.recordings.decoding import DecompressionError, bzip2, expand
+from edge_vpr.recordings import decoding, frames, open_recording, write_recording
+from edge_vpr.recordings.decoding import DecompressionError, expand
 from edge_vpr.recordings.reading import foreign_errors
 
 # what a recording remarks is compared as `remark`
@@ -187,15 +187,16 @@ def test_a_picture_that_claims_more_than_a_camera_has_is_refused_by_its_header(t
     assert "claims 10000x10000 pixels" in refusal(tmp_path, frame_period=1)
 
 
-def test_decompression_stops_at_its_limit_and_joins_frames():
+def test_decompression_stops_at_its_limit_and_joins_frames(monkeypatch):
     data = bz2.compress(b"a" * 1000) + bz2.compress(b"b")
-    assert bzip2(data) == b"a" * 1000 + b"b"
-    errors = (OSError, EOFError)
-    assert len(expand(bz2.BZ2Decompressor, data, errors, limit=1001)) == 1001
-    with pytest.raises(DecompressionError, match="more than 1,000 bytes"):
-        expand(bz2.BZ2Decompressor, data, errors, limit=1000)
+    new, errors = bz2.BZ2Decompressor, (OSError, EOFError)
+    monkeypatch.setattr(decoding, "LIMIT_BYTES", 1001)
+    assert expand(new, data, errors) == b"a" * 1000 + b"b"
     with pytest.raises(DecompressionError, match="cut off"):
-        bzip2(data[:-3])
+        expand(new, data[:-3], errors)
+    monkeypatch.setattr(decoding, "LIMIT_BYTES", 1000)
+    with pytest.raises(DecompressionError, match="more than 1,000 bytes"):
+        expand(new, data, errors)
 
 
 def test_a_frame_of_many_events_is_expanded_in_pieces_that_change_nothing(tmp_path, monkeypatch):

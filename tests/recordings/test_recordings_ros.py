@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import gc
 import sqlite3
 import struct
 import tempfile
@@ -17,7 +16,7 @@ from streams import absolute
 
 from edge_vpr.errors import RecordingError, UsageError
 from edge_vpr.events import Sensor, make_events
-from edge_vpr.recordings import decoding, open_recording, rosbag
+from edge_vpr.recordings import open_recording
 from edge_vpr.recordings.rosbag import Cursor, LibcaerCmpDecoder, read_event_array, read_preamble
 
 # what a recording remarks is compared as `remark`
@@ -268,24 +267,22 @@ def test_a_ros2_bag_of_one_file_is_read_whatever_its_metadata_says(plugin, metad
         open_recording(tmp_path / "a")
 
 
-def test_a_compressed_chunk_of_a_bag_has_a_limit(tmp_path, monkeypatch):
+@pytest.mark.parametrize("compression", ["BZ2", "LZ4"])
+def test_a_compressed_ros1_bag_is_read(compression, tmp_path):
     from rosbags.rosbag1 import Writer
 
-    monkeypatch.setattr(decoding, "LIMIT_BYTES", 1000)
-    for name in ("BZ2", "LZ4"):
-        writer = Writer(tmp_path / f"{name}.bag")
-        writer.set_compression(Writer.CompressionFormat[name])
-        with writer:
-            topic = writer.add_connection(
-                "/e", "dvs_msgs/msg/EventArray", msgdef="uint8 x\n", md5sum="0" * 32
-            )
-            for i, data in enumerate(arrays(EVENTS, 1)):
-                writer.write(topic, 10**18 + i, data)
-        with pytest.raises(RecordingError, match="expands to more than 1,000 bytes"):
-            absolute(tmp_path / f"{name}.bag")
+    writer = Writer(tmp_path / "a.bag")
+    writer.set_compression(Writer.CompressionFormat[compression])
+    with writer:
+        topic = writer.add_connection(
+            "/e", "dvs_msgs/msg/EventArray", msgdef="uint8 x\n", md5sum="0" * 32
+        )
+        for i, data in enumerate(arrays(EVENTS, 1)):
+            writer.write(topic, 10**18 + i, data)
+    assert absolute(tmp_path / "a.bag")[0].tolist() == EVENTS
 
 
-def write_compressed(path, mode, plugin="SQLITE3", messages=None):
+def write_compressed(path, mode, plugin="SQLITE3"):
     from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
 
     writer = Writer(path, version=9, storage_plugin=StoragePlugin[plugin])
@@ -294,7 +291,7 @@ def write_compressed(path, mode, plugin="SQLITE3", messages=None):
         topic = writer.add_connection(
             "/e", "dvs_msgs/msg/EventArray", msgdef="uint8 x\n", rihs01="RIHS01_" + "0" * 64
         )
-        for i, data in enumerate(arrays(EVENTS, 2) if messages is None else messages):
+        for i, data in enumerate(arrays(EVENTS, 2)):
             writer.write(topic, 10**18 + i, data)
 
 
@@ -307,24 +304,8 @@ def test_a_compressed_ros2_bag_is_read_and_leaves_nothing_behind(
     (tmp_path / "temporary").mkdir()
     write_compressed(tmp_path / "a", mode, plugin)
     for chunk in (7, 1 << 16):
-        events, recording = absolute(tmp_path / "a", chunk_events=chunk)
-        assert events.tolist() == EVENTS
-        # of a name that the next run clears, should this one be killed
-        assert len(list((tmp_path / "temporary").glob(".edge-vpr-*.part"))) == (mode == "FILE")
-        del recording
-        gc.collect()
+        assert absolute(tmp_path / "a", chunk_events=chunk)[0].tolist() == EVENTS
         assert not list((tmp_path / "temporary").iterdir())
-
-
-def test_a_compressed_ros2_bag_expands_to_no_more_than_its_limit(tmp_path, monkeypatch):
-    """Zeros, of which 8 MB are 300 bytes: in one message, and in one file."""
-    monkeypatch.setattr(decoding, "LIMIT_BYTES", 1 << 20)
-    monkeypatch.setattr(rosbag, "LEAST_BYTES", 1 << 20)
-    for mode, words in (("MESSAGE", "expands to more than"), ("FILE", "expands to more than")):
-        write_compressed(tmp_path / mode, mode, messages=[bytes(8 << 20)])
-        with pytest.raises(RecordingError, match=words) as raised:
-            absolute(tmp_path / mode)
-        assert mode in str(raised.value)
 
 
 @pytest.mark.parametrize("damage", ["cut off", "other bytes", "none of it"])
@@ -336,9 +317,8 @@ def test_a_damaged_compressed_bag_is_one_line_that_names_the_file(damage, tmp_pa
     data = file.read_bytes()
     changed = {"cut off": data[:-20], "other bytes": data[:40] + b"~" * 40 + data[80:]}
     file.write_bytes(changed.get(damage, b""))
-    with pytest.raises(RecordingError, match=r"a(/a\.db3\.zstd cannot be expanded| is cut off)"):
+    with pytest.raises(RecordingError, match=r"/a is (cut off|damaged)"):
         absolute(tmp_path / "a")
-    gc.collect()
     assert not list((tmp_path / "temporary").iterdir())
 
 
