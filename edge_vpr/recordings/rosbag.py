@@ -8,7 +8,7 @@ import struct
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
-from typing import IO, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -418,80 +418,15 @@ class _BoundedFile(io.BufferedReader):
         return super().read(left if size is None or size < 0 else min(size, left))
 
 
-_MCAP_MAGIC = b"\x89MCAP0\r\n"
-_DATA_END = 15  # the last kind of records; a summary follows it
-#: Record that ends a file without a summary, which rosbags then reads record by record.
-_MCAP_FOOTER = struct.pack("<BQQQI", 2, 20, 0, 0, 0) + _MCAP_MAGIC
-
-
-def _mcap_end(file: IO[bytes], size: int) -> tuple[int, bool] | None:
-    """Return where the whole records of a cut-off MCAP file end, and whether its data do.
-
-    None if the file has an end, or is of another format.
-    """
-    if file.read(8) != _MCAP_MAGIC or size < len(_MCAP_FOOTER):
-        return None
-    file.seek(-8, 2)
-    if file.read(8) == _MCAP_MAGIC:
-        return None
-    at = 8
-    while True:
-        file.seek(at)
-        head = file.read(9)
-        kind, length = struct.unpack("<BQ", head) if len(head) == 9 else (0, 0)
-        if not 0 < kind < _DATA_END or length > size - at - 9:
-            return at, kind == _DATA_END
-        at += 9 + length
-
-
-class _MendedFile(io.RawIOBase):
-    """Beginning of a cut-off MCAP file, followed by a footer."""
-
-    def __init__(self, file: IO[bytes], end: int) -> None:
-        self._file, self._end, self._at = file, end, 0
-
-    def readable(self) -> bool:
-        """Return True."""
-        return True
-
-    seekable = readable
-
-    def seek(self, offset: int, whence: int = io.SEEK_SET, /) -> int:
-        """Move to `offset` bytes from the start, the current place, or the end."""
-        self._at = offset + (0, self._at, self._end + len(_MCAP_FOOTER))[whence]
-        return self._at
-
-    def readinto(self, buffer: Any, /) -> int:
-        """Read from the file, or from the footer."""
-        view = memoryview(buffer).cast("B")
-        if self._at < self._end:
-            self._file.seek(self._at)
-            data = self._file.read(min(len(view), self._end - self._at))
-        else:
-            data = _MCAP_FOOTER[self._at - self._end :][: len(view)]
-        view[: len(data)] = data
-        self._at += len(data)
-        return len(data)
-
-    def close(self) -> None:
-        """Close the file."""
-        self._file.close()
-        super().close()
-
-
 class _BoundedPath(type(Path())):  # type: ignore[misc]  # of the platform's own kind
-    """Path that opens its files as :class:`_BoundedFile`, and cut-off MCAP files as mended."""
+    """Path that opens its files as :class:`_BoundedFile`."""
 
     def open(self, mode: str = "r", *args: Any, **options: Any) -> Any:
         """Open the file; reads of bytes are bounded."""
         if mode != "rb":
             return super().open(mode, *args, **options)
         file = super().open(mode, buffering=0)
-        size = os.fstat(file.fileno()).st_size
-        if (cut := _mcap_end(file, size)) is not None:
-            return _BoundedFile(_MendedFile(file, cut[0]), cut[0] + len(_MCAP_FOOTER))
-        file.seek(0)
-        return _BoundedFile(file, size)
+        return _BoundedFile(file, os.fstat(file.fileno()).st_size)
 
 
 class Bag:
@@ -547,17 +482,6 @@ class Bag:
         if self._place.is_dir():
             return sorted(self._place.glob("*.mcap"))
         return [self._place] if self._place.suffix == ".mcap" else []
-
-    def report_cut(self, log: FaultLog) -> None:
-        """Report cut-off MCAP files, of which the whole records have been read."""
-        for path in self.mcaps:
-            with path.open("rb") as file:
-                size = path.stat().st_size
-                cut = _mcap_end(file, size)
-            if cut is not None and not cut[1]:
-                log.truncated(
-                    size - cut[0], f"byte {cut[0]:,} of {path.name}, which mcap recover can mend"
-                )
 
 
 def _place(path: Path) -> Path:
@@ -663,7 +587,6 @@ class BagSource(Source):
                 self.position = message / max(1, self._total)
                 yield from in_chunks(columns, self.options.chunk_events)
                 log.undated(packets.take_undated())
-        self._bag.report_cut(log)
 
 
 def _choose(connections: Any, wanted: str | None, path: Path) -> tuple[Any, ArrayLayout | None]:

@@ -448,34 +448,21 @@ def test_a_bag_without_events_names_its_topics(tmp_path):
 
 @pytest.mark.parametrize("compression", ["", "lz4", "zstd"])
 @pytest.mark.parametrize("chunks", [True, False])
-def test_a_cut_off_mcap_file_keeps_its_whole_records(chunks, compression, tmp_path):
+def test_a_cut_off_mcap_file_is_refused_with_the_command_that_mends_it(
+    chunks, compression, tmp_path
+):
     """Cut at any place: within a chunk, between chunks, in the summary, in the footer."""
     if compression and not chunks:
         pytest.skip("messages outside of chunks are not compressed")
-    messages = arrays(EVENTS, 2, 25)
-    data, ends = files.mcap(messages, 4 if chunks else 0, compression)
+    data, ends = files.mcap(arrays(EVENTS, 2, 25), 4 if chunks else 0, compression)
     path = tmp_path / "a.mcap"
     path.write_bytes(data)
     assert absolute(path)[0].tolist() == EVENTS
-    size = 100 if chunks else 25
     cuts = {*range(ends[0] + 1, len(data), len(data) // 37), *ends, len(data) - 1, len(data) - 9}
     for cut in sorted(cuts - {len(data)}):
         path.write_bytes(data[:cut])
-        whole = sum(end <= cut for end in ends)
-        complete = whole == len(ends) and cut >= ends[-1] + 9
-        if complete:  # nothing but the summary is lost
-            assert absolute(path)[0].tolist() == EVENTS
-            continue
-        with pytest.raises(RecordingError, match=r"is cut off: .* mcap recover"):
-            absolute(path)
-        events, recording = absolute(path, on_fault="drop")
-        assert events.tolist() == EVENTS[: size * whole]
-        assert recording.faults.truncated == cut - ends[whole - 1]
+        with pytest.raises(RecordingError, match=r"is cut off, .* mcap recover a\.mcap"):
+            open_recording(path)
     path.write_bytes(data[: ends[0]] + bytes(5_000))  # the disk lost power
-    assert absolute(path, on_fault="drop")[0].tolist() == EVENTS[:size]
-    path.write_bytes(data[: ends[0] + 40] + bytes(5_000))
     with pytest.raises(RecordingError, match="mcap recover"):
-        absolute(path)
-    path.write_bytes(data[: ends[0] - 1])
-    with pytest.raises((RecordingError, UsageError), match=r"how large its sensor is|no events on"):
-        absolute(path)
+        open_recording(path)
