@@ -63,7 +63,6 @@ def test_frames_of_the_user_are_matched_and_drawn(tmp_path, monkeypatch):
     assert own["frames", "150 by variance", 0] == 1
     # drawn twice, and all pixels are the same for both draws
     assert own["frames", "25 at random", 1] == 1 and ("frames", "all pixels", 1) not in own
-    assert len(frames.EXPERIMENT.figure(rows).axes) == 2 * 2
 
 
 def small_pair():

@@ -65,8 +65,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     group = parser.add_argument_group("output")
     group.add_argument(
         "-o", "--output", metavar="DIR", default="results/experiments",
-        help="folder to write NAME.csv and NAME.svg to; trials that it has already are not run "
-        "again (default: %(default)s; docs/results has those of the pages)",
+        help="folder to write NAME.csv to, and NAME.svg where a page shows a figure; trials that "
+        "it has already are not run again (default: %(default)s; docs/results has those of the "
+        "pages)",
     )  # fmt: skip
     group.add_argument(
         "--table", metavar="DIR",
@@ -171,7 +172,8 @@ def _run(
         )
     for each in measured:
         each.write(folder)
-        save(each.figure(), folder / f"{each.name}.svg")
+        if (drawing := each.figure()) is not None:
+            save(drawing, folder / f"{each.name}.svg")
     for each in measured:
         note(f"{each.name}: {each.elapsed_s:,.0f} s of work")
     note(

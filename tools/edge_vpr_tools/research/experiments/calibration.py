@@ -22,7 +22,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-from matplotlib.figure import Figure
 
 from edge_vpr import __version__
 from edge_vpr.confidence import (
@@ -44,10 +43,9 @@ from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.settings import PRESETS
 from edge_vpr.simulation import QUERY, REFERENCE, Drive, Light, SimulatedRecording, simulate_pair
 from edge_vpr_tools.report.tables import TableView
-from edge_vpr_tools.research.experiments.experiment import Draw, Drives, Experiment, Row, Rows
+from edge_vpr_tools.research.experiments.experiment import Draw, Drives, Experiment, Row
 from edge_vpr_tools.research.experiments.nulls import null_queries
 from edge_vpr_tools.research.experiments.pairs import MappedPair, truth_of_tracks
-from edge_vpr_tools.research.experiments.plots import dots
 
 # Drives that leave the map: pieces cut out of a map, a jump, and windows of another street.
 
@@ -538,25 +536,10 @@ def measure(draw: Draw) -> Iterator[Row]:
     yield from evaluate_tables(draw.pair, list(MATCHINGS), (AT_ONCE,))
 
 
-def figure(rows: Rows) -> Figure:
-    """Draw what is accepted, how much of it is correct, and how far probabilities are off."""
-    several = len({row["drives"] for row in rows}) > 1
-    shown = [
-        {**row, "drives": "", "": f"{row['map']}: {row['drives']}" if several else row["map"]}
-        for row in rows
-        if row.get("calibration error") not in (None, "")
-    ]
-    versions = list(dict.fromkeys(row["map"] for row in shown))
-    shown.sort(key=lambda row: versions.index(row["map"]))
-    measures = ("accepted at 0.99", "precision", "calibration error")
-    return dots(shown, measures=measures, row="", series="matching")
-
-
 EXPERIMENT = Experiment(
     drives=lambda data: [Drives("simulated streets", unseen_street, varied=True)],
     names=NAMES,
     measure=measure,
-    figure=figure,
     view=TableView({}, ("map", "matching", "correct of those on the map", "accepted at 0.99",
                         "precision", "calibration error", "accepted at 0.99" + STAYS_ON_MAP,
                         "precision" + STAYS_ON_MAP)),

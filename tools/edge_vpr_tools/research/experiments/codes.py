@@ -52,7 +52,7 @@ def measure(draw: Draw) -> Iterator[Row]:
 
 def figure(rows: Rows) -> Figure:
     """Draw correct matches against bytes per place, for every code."""
-    return lines(rows, x="bytes per place", y="P@100R", line="code", log=True)
+    return lines(rows, x="bytes per place", y="P@100R", line="code")
 
 
 EXPERIMENT = Experiment(

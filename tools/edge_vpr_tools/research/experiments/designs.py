@@ -6,14 +6,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from functools import partial
 
 from edge_vpr.settings import PRESETS
 from edge_vpr_tools.report.tables import TableView
 from edge_vpr_tools.research.experiments.drives import simulated_pair
 from edge_vpr_tools.research.experiments.experiment import Draw, Drives, Experiment, Row
 from edge_vpr_tools.research.experiments.pairs import SIMULATED, Pair
-from edge_vpr_tools.research.experiments.plots import lines
 
 PIXELS = (10, 25, 50, 75, 100, 150, 250, 400)
 BITS = (1, 2, 3, 4)
@@ -47,9 +45,6 @@ EXPERIMENT = Experiment(
     ],
     names=("pixels", "bits", "places per window"),
     measure=measure,
-    figure=partial(
-        lines, x="pixels", y="P@100R", line="bits", panel=("drives", "places per window"), log=True
-    ),
     view=TableView({}, ("pixels", "bits", "places per window", "P@100R")),
     reads_data=False,
 )

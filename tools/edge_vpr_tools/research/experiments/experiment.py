@@ -1,4 +1,4 @@
-"""An experiment is a declaration: drives, what is measured on them, and the figure of the rows.
+"""An experiment is a declaration: drives, what is measured on them, and how rows are shown.
 
 Each pair of drives with each seed is a trial, which runs on a worker and is stored
 (`research.trials`). The rows of all trials are a table with a row per variant and seed.
@@ -75,7 +75,8 @@ class Experiment:
     #: Maps a `Draw` to its rows, each with all columns of `names`. What was not measured may be
     #: left out. A row of several pairs that are opened together names its own drives.
     measure: Callable[[Draw], Iterator[Row]]
-    figure: Callable[[Rows], Figure]  #: Maps the rows of all trials to the figure.
+    #: Maps the rows of all trials to the figure, if a page shows one.
+    figure: Callable[[Rows], Figure] | None = None
     #: Maps the rows of all trials to further rows, which follow from several pairs of drives.
     conclude: Callable[[Rows], Sequence[Row]] | None = None
     #: How the table of each pair of drives is printed.
@@ -188,9 +189,10 @@ class Measured:
         named = [DRIVES, *open_experiment(self.name).names, SEED]
         return list(dict.fromkeys([*named, *(name for row in self.rows for name in row)]))
 
-    def figure(self) -> Figure:
-        """Draw the figure."""
-        return open_experiment(self.name).figure(self.rows)
+    def figure(self) -> Figure | None:
+        """Draw the figure, if the experiment has one."""
+        draw = open_experiment(self.name).figure
+        return None if draw is None else draw(self.rows)
 
     def markdown(self) -> str:
         """Return a table for each pair of drives, which says over how many seeds a ± is."""

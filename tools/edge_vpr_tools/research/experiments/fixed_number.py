@@ -12,15 +12,11 @@ from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
 
-import numpy as np
-from matplotlib.figure import Figure
-
 from edge_vpr.descriptors.counting import EventSource
 from edge_vpr.simulation import REFERENCE, simulate_pair
 from edge_vpr_tools.research.experiments.drives import event_drives
-from edge_vpr_tools.research.experiments.experiment import Draw, Drives, Experiment, Row, Rows
+from edge_vpr_tools.research.experiments.experiment import Draw, Drives, Experiment, Row
 from edge_vpr_tools.research.experiments.pairs import SIMULATED, Pair
-from edge_vpr_tools.research.experiments.plots import lines
 from edge_vpr_tools.research.experiments.variants import Variant
 
 LENGTH_M = 450.0
@@ -92,16 +88,4 @@ def drives(data: Path | None) -> list[Drives]:
     return [Drives(SIMULATED, street, varied=True), *recorded]
 
 
-def figure(rows: Rows) -> Figure:
-    """Draw correct matches against the duration of the query."""
-    taken: dict[tuple[str, str], list[float]] = {}
-    for row in rows:
-        taken.setdefault((row["drives"], row["query"]), []).append(row[DURATION])
-    shown = [
-        {**row, DURATION: round(float(np.mean(taken[row["drives"], row["query"]])), 3)}
-        for row in rows
-    ]
-    return lines(shown, x=DURATION, y="P@100R", line="variant", log=True)
-
-
-EXPERIMENT = Experiment(drives=drives, names=("query", "variant"), measure=measure, figure=figure)
+EXPERIMENT = Experiment(drives=drives, names=("query", "variant"), measure=measure)

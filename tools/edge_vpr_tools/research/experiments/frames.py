@@ -35,7 +35,6 @@ from edge_vpr_tools.research.experiments.pairs import (
     Times,
     truths_of_tracks,
 )
-from edge_vpr_tools.research.experiments.plots import dots
 from edge_vpr_tools.research.intensity import (
     IntensityFrames,
     frames_at,
@@ -220,6 +219,5 @@ EXPERIMENT = Experiment(
     drives=drives,
     names=("seen", "system"),
     measure=measure,
-    figure=partial(dots, measures=("P@100R", "R@99P"), row="system", series="seen"),
     takes_systems=True,
 )

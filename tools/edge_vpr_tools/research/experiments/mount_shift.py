@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -28,7 +27,6 @@ from edge_vpr_tools.research.experiments.drives import (
 )
 from edge_vpr_tools.research.experiments.experiment import Draw, Drives, Experiment, Row
 from edge_vpr_tools.research.experiments.pairs import Pair, count_drive
-from edge_vpr_tools.research.experiments.plots import lines
 from edge_vpr_tools.research.experiments.variants import DEFAULT_MATCHING, Variant
 
 #: shifts to the right and downwards, in pixels
@@ -139,5 +137,4 @@ EXPERIMENT = Experiment(
     drives=drives,
     names=("way", "shift"),
     measure=measure,
-    figure=partial(lines, x="shift", y="P@100R", line="way", label="shift (pixels)"),
 )

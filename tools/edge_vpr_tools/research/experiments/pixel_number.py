@@ -63,6 +63,5 @@ EXPERIMENT = Experiment(
         y="P@100R",
         line="pixels chosen by",
         panel=("drives", "matching"),
-        log=True,
     ),
 )

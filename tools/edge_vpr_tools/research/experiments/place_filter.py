@@ -14,7 +14,6 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from matplotlib.figure import Figure
 
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.route import Odometry
@@ -30,7 +29,6 @@ from edge_vpr_tools.research.experiments.experiment import (
     Drives,
     Experiment,
     Row,
-    Rows,
 )
 from edge_vpr_tools.research.experiments.nulls import BY_AUTHORS, BY_US, null_rows
 from edge_vpr_tools.research.experiments.pairs import (
@@ -41,7 +39,6 @@ from edge_vpr_tools.research.experiments.pairs import (
     rates,
     truth_of_pair,
 )
-from edge_vpr_tools.research.experiments.plots import dots
 
 # Settings that the place filter is compared by.
 
@@ -159,23 +156,9 @@ def drives(data: Path | None) -> list[Drives]:
     return [*(recorded_drives(data) if data is not None else ()), streets]
 
 
-#: pairs of drives in the figure
-SHOWN = (
-    "Speck indoor, 150 px", "Speck walks, 25 px", "Brisbane, 49 px", "street, 150 px",
-    "street, low sun, 150 px", "street, 3 stops, 150 px",
-)  # fmt: skip
-
-
-def figure(rows: Rows) -> Figure:
-    """Draw correct matches of every method, on some pairs of drives where there are these."""
-    shown = [row for row in rows if row[DRIVES] in SHOWN] or rows
-    return dots(shown, measures=("P@100R", INNER), row="method")
-
-
 EXPERIMENT = Experiment(
     drives=drives,
     names=("method", CHOSEN_ON),
     measure=measure,
-    figure=figure,
     view=TableView({}, ("method", "P@100R", "R@99P")),
 )

@@ -14,7 +14,6 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from matplotlib.figure import Figure
 
 from edge_vpr.descriptors.counting import EventSource, count_windows
 from edge_vpr.evaluation.calibration import reliability
@@ -29,10 +28,9 @@ from edge_vpr.simulation.drive import wheel_odometry
 from edge_vpr_tools.report.tables import TableView
 from edge_vpr_tools.research.experiments.calibration import carried_off, without_places
 from edge_vpr_tools.research.experiments.drives import WALKS, second_drive, walks
-from edge_vpr_tools.research.experiments.experiment import Draw, Drives, Experiment, Row, Rows
+from edge_vpr_tools.research.experiments.experiment import Draw, Drives, Experiment, Row
 from edge_vpr_tools.research.experiments.nulls import null_queries
 from edge_vpr_tools.research.experiments.pairs import MappedPair, Pair, TruthOf, truth_of_tracks
-from edge_vpr_tools.research.experiments.plots import dots
 
 LENGTH_M, TOLERANCES_M = 450.0, (10.0, 20.0)
 FIRST_SEED = 70
@@ -179,21 +177,10 @@ def drives(data: Path | None) -> list[Drives]:
     return found
 
 
-def figure(rows: Rows) -> Figure:
-    """Draw correct matches without odometry."""
-    shown = [
-        {**row, "drives": f"{row['drives']}, {row['pixels']} px", _NUMBER: f"{row[_NUMBER]}"}
-        for row in rows
-        if row["odometry"] == "none" and row["drive"] == WHOLE
-    ]
-    return dots(shown, measures=("P@100R", "R@99P (wide)"), row="matched", series=_NUMBER)
-
-
 EXPERIMENT = Experiment(
     drives=drives,
     names=("pixels", "query", "drive", "odometry", "matched", _NUMBER),
     measure=measure,
-    figure=figure,
     view=TableView(
         {"matched": "live", "odometry": "none", "drive": WHOLE},
         ("pixels", "query", "P@100R"),

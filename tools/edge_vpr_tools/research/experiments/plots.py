@@ -69,12 +69,12 @@ def lines(
     line: str,
     *,
     panel: Sequence[str] = ("drives",),
-    log: bool = False,
-    label: str | None = None,
     columns: int = _COLUMNS,
     mark: float | None = None,
 ) -> Figure:
     """Draw the mean of the trials over a number: a panel each pair of drives, a line each variant.
+
+    The horizontal axis is logarithmic.
 
     Parameters
     ----------
@@ -84,10 +84,6 @@ def lines(
         Column that names the lines.
     panel : sequence of str
         Columns that have a panel for each of their values.
-    log : bool
-        Whether the horizontal axis is logarithmic.
-    label : str, optional
-        Of the horizontal axis; by default the name of its column.
     columns : int
         Most panels beside each other.
     mark : float, optional
@@ -103,11 +99,10 @@ def lines(
                 if points:
                     style = look(names.index(name))
                     _mean_line(axes, *zip(*points, strict=True), label=_title(name), **style)
-            if log:
-                _log_ticks(axes, sorted({row[x] for row in of if row.get(y) is not None}))
+            _log_ticks(axes, sorted({row[x] for row in of if row.get(y) is not None}))
             if mark is not None:
                 axes.axvline(mark, color=GREY, linewidth=1, zorder=0)
-            axes.set_xlabel(label or x)
+            axes.set_xlabel(x)
         legend_below(drawing, [axes for axes, _ in grid], 3)
     return drawing
 

@@ -26,7 +26,6 @@ from edge_vpr_tools.report.tables import TableView
 from edge_vpr_tools.research.experiments.drives import second_drive
 from edge_vpr_tools.research.experiments.experiment import Draw, Drives, Experiment, Row
 from edge_vpr_tools.research.experiments.pairs import Pair, Tracks
-from edge_vpr_tools.research.experiments.plots import dots
 from edge_vpr_tools.research.experiments.trust import drives as recorded
 
 LENGTH_M = 600.0
@@ -172,7 +171,6 @@ EXPERIMENT = Experiment(
     drives=drives,
     names=("pixels", "query", "position"),
     measure=measure,
-    figure=partial(dots, measures=("accepted at 0.99",), row="query", series="position"),
     view=TableView(
         {}, ("pixels", "query", "position", "median error (m)", "95 % of the errors (m)",
              "steps back per km"),

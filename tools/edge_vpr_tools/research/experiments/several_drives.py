@@ -29,7 +29,6 @@ from edge_vpr_tools.report.tables import TableView
 from edge_vpr_tools.research.experiments.drives import BRISBANE, BRISBANE_M, second_drive
 from edge_vpr_tools.research.experiments.experiment import Draw, Drives, Experiment, Row
 from edge_vpr_tools.research.experiments.pairs import TOLERANCE_M, MappedPair, truth_of_tracks
-from edge_vpr_tools.research.experiments.plots import dots
 
 LENGTH_M = 450.0
 FIRST_SEED = 80
@@ -161,6 +160,5 @@ EXPERIMENT = Experiment(
     drives=drives,
     names=("map", "aligned", "pixels", "query", "matched"),
     measure=measure,
-    figure=partial(dots, measures=("P@100R",), row="map", series="aligned"),
     view=TableView({"matched": "live"}, ("map", "aligned", "query", "P@100R"), "query"),
 )

@@ -13,6 +13,7 @@ from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
+from matplotlib.figure import Figure
 
 from edge_vpr.confidence import SMOOTHED, Confidence, default_confidence
 from edge_vpr.errors import UsageError
@@ -41,8 +42,9 @@ from edge_vpr_tools.research.experiments.calibration import (
     without_places,
 )
 from edge_vpr_tools.research.experiments.drives import recorded_drives
-from edge_vpr_tools.research.experiments.experiment import Draw, Drives, Experiment, Row
+from edge_vpr_tools.research.experiments.experiment import Draw, Drives, Experiment, Row, Rows
 from edge_vpr_tools.research.experiments.pairs import MappedPair, Pair, Tracks
+from edge_vpr_tools.research.experiments.plots import dots
 
 #: of `MATCHINGS`, those that are evaluated, and those that a robot can use
 LIVE = ("4", "0")
@@ -220,10 +222,24 @@ def drives(data: Path | None) -> list[Drives]:
     return [each for each in every if each.name in with_images or not each.drawn]
 
 
+def figure(rows: Rows) -> Figure:
+    """Draw what is accepted, how much of it is correct, and how far probabilities are off."""
+    several = len({row["drives"] for row in rows}) > 1
+    shown = [
+        {**row, "drives": "", "": f"{row['map']}: {row['drives']}" if several else row["map"]}
+        for row in rows
+        if row.get("calibration error") not in (None, "")
+    ]
+    versions = list(dict.fromkeys(row["map"] for row in shown))
+    shown.sort(key=lambda row: versions.index(row["map"]))
+    measures = ("accepted at 0.99", "precision", "calibration error")
+    return dots(shown, measures=measures, row="", series="matching")
+
+
 EXPERIMENT = Experiment(
     drives=drives,
     names=NAMES,
     measure=measure,
-    figure=calibration.figure,
+    figure=figure,
     view=calibration.EXPERIMENT.view,
 )

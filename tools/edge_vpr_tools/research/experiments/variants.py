@@ -23,7 +23,6 @@ from edge_vpr_tools.research.baselines.baseline import fastest
 from edge_vpr_tools.research.experiments.experiment import CHOSEN_ON, Draw, Drives, Experiment, Row
 from edge_vpr_tools.research.experiments.nulls import BY_AUTHORS, BY_US, null_rows
 from edge_vpr_tools.research.experiments.pairs import INNER, MappedPair, Pair, inner_share
-from edge_vpr_tools.research.experiments.plots import dots
 
 #: matching of the default: the place filter with contrast codes
 DEFAULT_MATCHING = {
@@ -133,7 +132,6 @@ def variants_experiment(
         drives=drives,
         names=("variant", CHOSEN_ON),
         measure=partial(_measure, variants, default),
-        figure=partial(dots, measures=("P@100R", "R@99P", "Recall@5"), row="variant"),
         **more,
     )
 
