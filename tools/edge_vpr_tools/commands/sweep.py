@@ -66,10 +66,9 @@ def run(args: argparse.Namespace) -> None:
     trials = number_of(done.trials, "trial")
     summary(
         f"{store.folder}: {trials}, {done.different} of them different; {done.known} were known, "
-        f"{done.computed} computed now, {done.failed} failed now"
+        f"{done.computed} computed now, {done.failed} failed now, by "
+        f"{number_of(done.workers, 'worker')}"
     )
-    if done.computed:
-        summary(f"{number_of(done.workers, 'worker')}, busy {done.busy_share:.0%} of the time")
     lost = failures(store)
     for trial, error in lost[:_MOST_SHOWN]:
         warning(f"{trial.variant}, {trial.drives}, seed {trial.seed} ({trial.key}): {error}")

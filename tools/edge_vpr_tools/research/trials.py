@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import ctypes
 import fcntl
 import hashlib
 import json
@@ -118,33 +117,6 @@ class Inline(Workers):
         return False
 
 
-#: variable that Dask's nanny sets for its workers, so that malloc gives freed memory back at once
-_TRIMMED = "MALLOC_TRIM_THRESHOLD_"
-#: parameters of glibc's mallopt: its values without that variable, and the most that it raises
-#: them to by itself
-_TRIM, _MMAP = -1, -3
-_USUAL, _MOST = {_TRIM: 1 << 17, _MMAP: 1 << 17}, {_TRIM: 1 << 26, _MMAP: 1 << 25}
-
-
-def _with_memory_kept(run: Callable[[Job], Result], job: Job) -> Result:
-    """Run a job while malloc keeps freed memory for the next array.
-
-    With the nanny's setting, each large array is mapped again, with a fault for every page: ten
-    times as many faults, and twice the processor time.
-    """
-    trimmed = os.environ.get(_TRIMMED, "")
-    mallopt = getattr(ctypes.CDLL(None), "mallopt", None)  # of glibc alone
-    if mallopt is None or not trimmed.isdecimal():
-        return run(job)
-    try:
-        for parameter, size in _MOST.items():
-            mallopt(parameter, size)
-        return run(job)
-    finally:
-        for parameter, size in (_USUAL | {_TRIM: int(trimmed)}).items():
-            mallopt(parameter, size)
-
-
 class _Cluster(Workers):
     def __init__(self, client: Any) -> None:
         self._executor = client.get_executor(pure=False)
@@ -153,7 +125,7 @@ class _Cluster(Workers):
         self.at_once = 4 + 2 * self.count
 
     def submit(self, run: Callable[[Job], Result], job: Job) -> Future[Result]:
-        future: Future[Result] = self._executor.submit(_with_memory_kept, run, job)
+        future: Future[Result] = self._executor.submit(run, job)
         return future
 
     def died(self, error: BaseException) -> bool:
@@ -302,17 +274,8 @@ class AnyTrial(Protocol):
         ...
 
 
-class AnyResult(Protocol):
-    """Result of a trial; a record that JSON can hold."""
-
-    @property
-    def elapsed_s(self) -> float:
-        """Time of the whole trial on its worker."""
-        ...
-
-
 TrialT = TypeVar("TrialT", bound=AnyTrial)
-ResultT = TypeVar("ResultT", bound=AnyResult)
+ResultT = TypeVar("ResultT")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -481,9 +444,6 @@ class TrialsRun:
     computed: int
     failed: int
     workers: int
-    #: Share of the workers' time, until the last trial ended, in which they computed trials that
-    #: did not fail. The start of their processes counts as idle.
-    busy_share: float
     elapsed_s: float
 
 
@@ -523,18 +483,16 @@ def compute(
         for key, trial in trials.items()
         if store.result(key) is None and (retry_failed or store.failure(key) is None)
     }
-    failed, busy_s, start = 0, 0.0, time.perf_counter()
+    failed, start = 0, time.perf_counter()
     progress(0, len(missing), 0)
     for done, outcome in enumerate(run_all(missing, run, workers), 1):
         key, trial = outcome.key, missing[outcome.key]
         if outcome.result is not None:
-            busy_s += outcome.result.elapsed_s
             store.keep_result(key, trial, outcome.result)
         else:
             failed += 1
             store.keep_failure(key, trial, outcome.error, outcome.where)
         progress(done, len(missing), failed)
-    elapsed_s = time.perf_counter() - start
     return TrialsRun(
         trials=len(named),
         different=len(trials),
@@ -542,8 +500,7 @@ def compute(
         computed=len(missing) - failed,
         failed=failed,
         workers=workers.count,
-        busy_share=busy_s / (max(elapsed_s, 1e-9) * max(workers.count, 1)),
-        elapsed_s=elapsed_s,
+        elapsed_s=time.perf_counter() - start,
     )
 
 
