@@ -14,8 +14,8 @@ from unittest.mock import Mock
 import numpy as np
 import pytest
 from edge_vpr_tools.cli import main
-from edge_vpr_tools.research.experiments import EXPERIMENTS, STREETS_ONLY, fixed_number, rivals
-from edge_vpr_tools.research.experiments.experiment import Drives, Experiment
+from edge_vpr_tools.research.experiments import EXPERIMENTS, fixed_number, rivals
+from edge_vpr_tools.research.experiments.experiment import Drives, Experiment, open_experiment
 from edge_vpr_tools.research.experiments.plots import dots
 from streams import random_events, write_drives
 
@@ -275,9 +275,8 @@ WITHOUT = {
 @pytest.mark.parametrize("name", EXPERIMENTS)
 def test_an_experiment_says_where_its_data_come_from(name, capsys, tmp_path):
     arguments = ("experiment", name, "--data", tmp_path, "-o", tmp_path)
-    if name in STREETS_ONLY:
-        others = f"or compare recorded drives by {STREETS_ONLY[name]}"
-        refused(capsys, *arguments, code=2, says=others)
+    if not open_experiment(name).reads_data:
+        refused(capsys, *arguments, code=2, says=f"experiment {name} reads no --data: leave it out")
     elif name in WITHOUT:
         refused(capsys, *arguments, code=2, says=WITHOUT[name])
     arguments = ("experiment", name, "--data", tmp_path / "none")

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 from edge_vpr.errors import EdgeVprError, UsageError
 from edge_vpr_tools.console import note, number_of, status, summary, warning
-from edge_vpr_tools.research.experiments import EXPERIMENTS, STREETS_ONLY
+from edge_vpr_tools.research.experiments import EXPERIMENTS
 
 if TYPE_CHECKING:
     from edge_vpr_tools.research.experiments.experiment import ExperimentTrial
@@ -38,8 +38,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--data",
         metavar="DIR",
         help="folder of recorded drives: Brisbane-Event-VPR or QCR-Event-VPR under their published "
-        f"names, or others (docs/datasets.md); {', '.join(STREETS_ONLY)} read none, since all of "
-        "their drives are simulated",
+        "names, or others (docs/datasets.md)",
     )
     group.add_argument(
         "--dry-run", action="store_true",
@@ -80,6 +79,7 @@ def run(args: argparse.Namespace) -> None:
     """Run experiments, write their tables and figures, and print the tables as Markdown."""
     from edge_vpr_tools.research.datasets import damaged_files
     from edge_vpr_tools.research.experiments.drives import check_logs, downloads
+    from edge_vpr_tools.research.experiments.experiment import open_experiment
 
     start = time.perf_counter()
     if args.seeds < 1:
@@ -88,12 +88,8 @@ def run(args: argparse.Namespace) -> None:
     data = None if args.data is None else Path(args.data)
     if data is not None and not data.is_dir():
         raise UsageError(f"--data {data} is not a folder: name the one that holds the recordings")
-    if data is not None and set(names) <= set(STREETS_ONLY):
-        others = ", ".join(dict.fromkeys(STREETS_ONLY[name] for name in names))
-        raise UsageError(
-            f"{', '.join(names)} drives simulated streets only and reads no --data: leave it out, "
-            f"or compare recorded drives by {others}"
-        )
+    if data is not None and not any(open_experiment(name).reads_data for name in names):
+        raise UsageError(f"experiment {', '.join(names)} reads no --data: leave it out")
     if args.dry_run:
         _list_files(names, args, data)
         return

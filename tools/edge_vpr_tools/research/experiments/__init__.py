@@ -9,9 +9,3 @@ EXPERIMENTS = (
     "mount-shift", "rivals", "frames", "pixel-number", "fixed-number", "joules", "several-drives",
     "places-per-window", "designs", "position",
 )  # fmt: skip
-
-#: experiments that simulate all of their drives, with those that do the same on recorded drives
-STREETS_ONLY = {
-    "simulated": "fixed-number, rivals and pixel-number",
-    "calibration": "trust",
-}
