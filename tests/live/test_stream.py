@@ -22,6 +22,7 @@ from edge_vpr_tools import live_view
 from edge_vpr_tools.cli import main
 from streams import Drive, random_events
 
+from edge_vpr.descriptors.cleaning import BurstFilter
 from edge_vpr.descriptors.counting import cleaned
 from edge_vpr.errors import MapError, RecordingError, UsageError
 from edge_vpr.events import Sensor, make_events
@@ -29,6 +30,7 @@ from edge_vpr.live.bridge import Bridge, LineFaults, open_device_link
 from edge_vpr.live.localiser import LiveLocaliser
 from edge_vpr.live.match import LiveMatch
 from edge_vpr.live.protocols import open_decoder, open_encoder
+from edge_vpr.live.protocols.timestamps import CONFIRM
 from edge_vpr.live.session import LiveStatus, LiveStep
 from edge_vpr.map_record import coded_map
 from edge_vpr.online.localiser import Localiser
@@ -957,25 +959,63 @@ def test_ports_are_listed(capsys, monkeypatch):
     assert "no serial ports" in capsys.readouterr().out
 
 
+def bench(name):
+    """Return a module of the benchmarks, which are no package."""
+    spec = importlib.util.spec_from_file_location(name, ROOT / "tools" / "bench" / f"{name}.py")
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
 def test_the_soak_makes_a_map_that_can_be_matched():
-    spec = importlib.util.spec_from_file_location("soak", ROOT / "tools" / "bench" / "soak.py")
-    soak = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(soak)
+    soak = bench("soak")
     assert len(soak.a_map(np.random.default_rng(0), Sensor(128, 128))) == soak.PLACES
 
 
-@pytest.mark.parametrize(("protocol", "wraps"), [("evpr", 0), ("evt3", 80)])
+def spells(rng, sensor, silence_s, end_us):
+    """Events, and after each silence some more: fewer would not confirm how late it is."""
+    now = 0
+    while now < end_us:
+        n = int(rng.integers(CONFIRM + 1, 200))
+        flat = rng.integers(0, sensor.pixels, n)
+        times = now + np.sort(rng.integers(0, 200_000, n))
+        yield make_events(times, flat % sensor.width, flat // sensor.width)
+        now = int(times[-1]) + int(rng.uniform(0.1, 1.0) * silence_s * 1e6)
+
+
+#: evt3's clock wraps after 16.8 s, and evpr says each second that it is there
+@pytest.mark.parametrize(("protocol", "silence_s", "wraps"), [("evpr", 120, 0), ("evt3", 15, 80)])
 def test_a_while_of_silences_wraps_and_heartbeats_gives_the_matches_of_the_recording(
-    protocol, wraps, monkeypatch
+    protocol, silence_s, wraps
 ):
-    """`tools/bench/long_day.py` takes a day, and looks at memory as well."""
-    monkeypatch.syspath_prepend(ROOT / "tools" / "bench")
-    spec = importlib.util.spec_from_file_location("long_day", ROOT / "tools/bench/long_day.py")
-    long_day = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(long_day)
-    reference = long_day.a_map(np.random.default_rng(1), long_day.SENSOR)
-    day = long_day.live_day(protocol, reference, hours=0.4)
-    assert day.same
-    assert day.matches > 1_400
-    assert (day.lost, day.rejected) == (0, 0)
-    assert day.wraps >= wraps
+    sensor, rng = Sensor(346, 260), np.random.default_rng(0)
+    reference = bench("soak").a_map(np.random.default_rng(1), sensor)
+    every = MatchSchedule(events=50, interval_us=1_000_000)
+    encoder, decoder = open_encoder(protocol, sensor), open_decoder(protocol, sensor)
+    live = LiveLocaliser(decoder, reference, every)
+    offline, bursts = Localiser(reference, every=every), BurstFilter(sensor)
+    found, expected, start, reached = [], [], None, 0
+
+    def take(data):
+        result = live.feed(data, 0)
+        assert not any(result.missing)
+        found.append(result.matches)
+
+    take(encoder.start())
+    for events in spells(rng, sensor, silence_s, end_us=1_440_000_000):
+        start = int(events["t"][0]) if start is None else start
+        for second in range(reached // 1_000_000 + 1, int(events["t"][0]) // 1_000_000):
+            take(encoder.idle(second * 1_000_000))
+        take(encoder.encode(events))
+        reached = int(events["t"][-1])
+        if protocol != "evpr":
+            events["t"] -= start  # only evpr tells when the stream began
+        expected += [offline.update(piece) for piece in bursts.pieces(events)]
+    found.append(live.finish().matches)
+    expected.append(offline.update(bursts.finish()))
+    matches = np.concatenate(found)
+    assert matches.size > 1_400
+    assert matches.tobytes() == np.concatenate(expected).tobytes()
+    health = decoder.health
+    assert (health.lost, health.rejected) == (0, 0)
+    assert health.wraps >= wraps
