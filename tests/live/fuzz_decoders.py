@@ -16,13 +16,14 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 from devices import DEVICES
+from openmv_camera import open_encoder
 from streams import balanced, random_events
 
 from edge_vpr.descriptors.pixels import PixelMap
 from edge_vpr.descriptors.windows import Descriptors
 from edge_vpr.events import Sensor, make_events
 from edge_vpr.live.localiser import LiveLocaliser
-from edge_vpr.live.protocols import open_decoder, open_encoder
+from edge_vpr.live.protocols import open_decoder
 from edge_vpr.online.schedule import MatchSchedule
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.settings import Settings

@@ -13,10 +13,10 @@ from pathlib import Path
 
 import numpy as np
 from numba.core.dispatcher import Dispatcher
+from openmv_camera import open_encoder
 
 from edge_vpr import LiveSession
 from edge_vpr.events import Sensor, make_events
-from edge_vpr.live.protocols import open_encoder
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.settings import PRESETS
 

@@ -13,15 +13,15 @@ import pytest
 from edge_vpr_tools.commands.ports import KNOWN, guess
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from openmv_camera import Camera, CameraEncoder, open_encoder
 from streams import Drive, balanced, from_first, random_events
 
 from edge_vpr.errors import UsageError
 from edge_vpr.events import Sensor, make_events
 from edge_vpr.live.bridge import Bridge, LineFaults, open_device_link
 from edge_vpr.live.links import open_link
-from edge_vpr.live.protocols import open_decoder, open_encoder
+from edge_vpr.live.protocols import open_decoder
 from edge_vpr.live.protocols.openmv import PATIENCE_S, PERIOD_US, record_encoder
-from edge_vpr.live.protocols.openmv_camera import Camera, CameraEncoder
 from edge_vpr.live.protocols.openmv_packets import (
     HEADER,
     MAX_PACKET,

@@ -22,6 +22,7 @@ import numpy as np
 import pytest
 from devices import DEVICES
 from edge_vpr_tools.cli import main
+from openmv_camera import open_encoder
 from streams import Drive, random_events
 
 from edge_vpr import LiveSession
@@ -31,7 +32,7 @@ from edge_vpr.events import Sensor, make_events
 from edge_vpr.live.bridge import Bridge, LineFaults, open_device_link
 from edge_vpr.live.links import LinkError
 from edge_vpr.live.position import Locator, PathPosition
-from edge_vpr.live.protocols import Health, open_encoder
+from edge_vpr.live.protocols import Health
 from edge_vpr.live.watches import MisfitWatch
 from edge_vpr.online.localiser import Localiser
 from edge_vpr.online.schedule import MatchSchedule

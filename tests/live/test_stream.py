@@ -20,6 +20,7 @@ import numpy as np
 import pytest
 from edge_vpr_tools import live_view
 from edge_vpr_tools.cli import main
+from openmv_camera import open_encoder
 from streams import Drive, random_events
 
 from edge_vpr.descriptors.cleaning import BurstFilter
@@ -29,7 +30,7 @@ from edge_vpr.events import Sensor, make_events
 from edge_vpr.live.bridge import Bridge, LineFaults, open_device_link
 from edge_vpr.live.localiser import LiveLocaliser
 from edge_vpr.live.match import LiveMatch
-from edge_vpr.live.protocols import open_decoder, open_encoder
+from edge_vpr.live.protocols import open_decoder
 from edge_vpr.live.protocols.timestamps import CONFIRM
 from edge_vpr.live.session import LiveStatus, LiveStep
 from edge_vpr.map_record import coded_map
@@ -847,9 +848,12 @@ def test_a_device_over_udp_needs_no_greeting_and_loses_nothing_unsaid(drive, tmp
 
 
 def test_a_camera_that_has_to_be_asked_cannot_be_over_udp(drive, capsys):
-    words = ["bridge", drive / "query.npz", "--protocol", "openmv", "--port", "udp://127.0.0.1:9"]
-    assert main([str(word) for word in words]) == 2
-    assert "take TCP or a serial line" in capsys.readouterr().err
+    link = open_device_link("udp://127.0.0.1:9")
+    with pytest.raises(UsageError, match="take TCP or a serial line"):
+        Bridge(link, open_encoder("openmv", SENSOR))
+    link.close()
+    assert main(["bridge", str(drive / "query.npz"), "--protocol", "openmv"]) == 2
+    assert "give the number of its channel" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(

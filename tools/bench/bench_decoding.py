@@ -12,10 +12,11 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from openmv_camera import open_encoder
 from table import OURS
 
 from edge_vpr.events import Sensor, make_events
-from edge_vpr.live.protocols import open_decoder, open_encoder
+from edge_vpr.live.protocols import open_decoder
 
 SENSOR, EVENTS = Sensor(128, 128), 4_000_000
 #: bytes a second of a line of 12 Mbaud, ten bits a byte

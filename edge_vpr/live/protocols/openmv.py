@@ -16,7 +16,6 @@ from edge_vpr.events import Events, Sensor, make_events
 from edge_vpr.live.protocols import Clock, Decoder, Encoder, Health, OptionReader
 from edge_vpr.live.protocols.evt import ENCODERS
 from edge_vpr.live.protocols.health import BOUND
-from edge_vpr.live.protocols.openmv_camera import CameraEncoder, PushingEncoder
 from edge_vpr.live.protocols.openmv_packets import (
     BAUD,
     CAPS,
@@ -426,6 +425,35 @@ def _aer_bytes(events: Events) -> bytes:
     return word.astype("<u4").view(np.uint8).reshape(-1, 4)[:, :3].tobytes()
 
 
+#: Most events of an unrequested packet.
+PACKET_EVENTS = 256
+
+
+class PushingEncoder(Encoder):
+    """Device that sends the packets of one channel without a request."""
+
+    host_needs_options = True
+
+    def __init__(
+        self, sensor: Sensor, channel: int, encode_records: Callable[[Events], bytes]
+    ) -> None:
+        super().__init__(sensor)
+        self._channel, self._encode = channel, encode_records
+        self._sequence = 0
+
+    def encode(self, events: Events) -> bytes:
+        """Encode events."""
+        return b"".join(
+            self._packet(self._encode(events[i : i + PACKET_EVENTS]))
+            for i in range(0, events.size, PACKET_EVENTS)
+        )
+
+    def _packet(self, payload: bytes) -> bytes:
+        packet = pack(Opcode.READ, self._sequence, self._channel, 0, payload)
+        self._sequence = (self._sequence + 1) & 0xFF
+        return packet
+
+
 # From packets to events: what decoders that ask and decoders that only listen have in common.
 
 
@@ -637,17 +665,8 @@ class AskingDecoder(PacketDecoder):
         self._dialogue.restart()
 
     def warm_up(self) -> None:
-        """See `Decoder.warm_up`; a scratch decoder speaks with a simulated camera."""
-        scratch = copy.deepcopy(self)
-        encode = record_encoder(self._records.name, self.sensor)
-        camera = CameraEncoder(self.sensor, self._dialogue.name, encode)
-        camera.start()
-        camera.encode(make_events([0], [0], [0], [1]))
-        command = scratch.setup()
-        for step in range(20):
-            scratch.feed(camera.respond(command))
-            command = scratch.to_send(step * POLL_S)
-        scratch.finish()
+        """See `Decoder.warm_up`; packets and records are those of a device that is not asked."""
+        ListeningDecoder(self.sensor, 0, copy.deepcopy(self._records)).warm_up()
 
     def _aim(self, finder: PacketFinder) -> None:
         dialogue = self._dialogue
@@ -738,7 +757,7 @@ class AskingDecoder(PacketDecoder):
 
 def open_decoder(name: str, sensor: Sensor, options: OptionReader) -> Decoder:
     """Make a decoder."""
-    channel, records_format = _channel(options)
+    channel, records_format = read_channel(options)
     acknowledge = options.choice("ack", ("off", "on")) == "on"
     records = record_decoder(records_format)
     if isinstance(channel, int):
@@ -747,15 +766,17 @@ def open_decoder(name: str, sensor: Sensor, options: OptionReader) -> Decoder:
 
 
 def open_encoder(name: str, sensor: Sensor, options: OptionReader) -> Encoder:
-    """Make an encoder."""
-    channel, records_format = _channel(options)
-    encode = record_encoder(records_format, sensor)
-    if isinstance(channel, int):
-        return PushingEncoder(sensor, channel, encode)
-    return CameraEncoder(sensor, channel, encode)
+    """Make an encoder of a device that sends without being asked."""
+    channel, records_format = read_channel(options)
+    if not isinstance(channel, int):
+        raise UsageError(
+            f"openmv: channel={channel}: only a device that sends without being asked is played: "
+            "give the number of its channel, such as openmv:channel=4"
+        )
+    return PushingEncoder(sensor, channel, record_encoder(records_format, sensor))
 
 
-def _channel(options: OptionReader) -> tuple[str | int, str]:
+def read_channel(options: OptionReader) -> tuple[str | int, str]:
     """Read the name or number of the channel, and the format of its records."""
     channel = options.text("channel") or "events"
     records_format = options.choice("format", ("auto", *FORMATS))

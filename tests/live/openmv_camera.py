@@ -12,7 +12,9 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from edge_vpr.events import Events, Sensor
-from edge_vpr.live.protocols import Encoder
+from edge_vpr.live import protocols
+from edge_vpr.live.protocols import Encoder, OptionReader, parse_protocol
+from edge_vpr.live.protocols.openmv import read_channel, record_encoder
 from edge_vpr.live.protocols.openmv_packets import (
     CAPS,
     CHECK,
@@ -270,11 +272,8 @@ class Camera:
         return bytes(out)
 
 
-# Camera's side of OpenMV's protocol, for bridges and tests.
-
-
-#: Number of buffers of a script, and most events of an unrequested packet.
-BUFFERS, PACKET_EVENTS = 8, 256
+#: Number of buffers of a script.
+BUFFERS = 8
 
 
 class CameraEncoder(Encoder):
@@ -339,26 +338,12 @@ class CameraEncoder(Encoder):
         self.held = sum(self._counts) + self._in_flight
 
 
-class PushingEncoder(Encoder):
-    """Device that sends the packets of one channel without a request."""
-
-    host_needs_options = True
-
-    def __init__(
-        self, sensor: Sensor, channel: int, encode_records: Callable[[Events], bytes]
-    ) -> None:
-        super().__init__(sensor)
-        self._channel, self._encode = channel, encode_records
-        self._sequence = 0
-
-    def encode(self, events: Events) -> bytes:
-        """Encode events."""
-        return b"".join(
-            self._packet(self._encode(events[i : i + PACKET_EVENTS]))
-            for i in range(0, events.size, PACKET_EVENTS)
-        )
-
-    def _packet(self, payload: bytes) -> bytes:
-        packet = pack(Opcode.READ, self._sequence, self._channel, 0, payload)
-        self._sequence = (self._sequence + 1) & 0xFF
-        return packet
+def open_encoder(protocol: str, sensor: Sensor) -> Encoder:
+    """Make an encoder of any protocol, of OpenMV's a camera unless the channel has a number."""
+    name, options = parse_protocol(protocol)
+    if name != "openmv":
+        return protocols.open_encoder(protocol, sensor)
+    channel, records_format = read_channel(OptionReader(name, options))
+    if isinstance(channel, int):
+        return protocols.open_encoder(protocol, sensor)
+    return CameraEncoder(sensor, channel, record_encoder(records_format, sensor))
