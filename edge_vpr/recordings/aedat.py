@@ -160,8 +160,8 @@ def read_header(path: Path) -> tuple[int, str]:
 # event, wraps of the 31-bit clock, capacity, number of events, number of valid ones (32 bits each).
 
 
-#: types of packets
-POLARITY, FRAME = 1, 2
+#: type of the packets of polarity events
+_POLARITY = 1
 _AEDAT3_MAGIC = b"#!AER-DAT3.1\r\n"
 _END = b"#!END-HEADER\r\n"
 _CAMERAS = Wording("camera", "cameras", "copy it again")
@@ -240,8 +240,8 @@ class Aedat3File(PacketFile):
         """Return the number of a camera; see `choose_stream`."""
         return choose_stream(self.path, self.sources, wanted, _CAMERAS)
 
-    def packets(self, kind: int, source: int, log: FaultLog) -> Iterator[Packet]:
-        """Yield the packets of one type and camera.
+    def packets(self, source: int, log: FaultLog) -> Iterator[Packet]:
+        """Yield the packets of the polarity events of a camera.
 
         Raises
         ------
@@ -269,7 +269,7 @@ class Aedat3File(PacketFile):
                 if _HEADER.itemsize + length > left:
                     log.truncated(left, f"byte {at:,}, within a packet")
                     return
-                if (fields["type"], fields["source"]) == (kind, source):
+                if (fields["type"], fields["source"]) == (_POLARITY, source):
                     if length > LIMIT_BYTES:
                         raise self.damaged(
                             at, f"it claims {length:,} bytes, and the most is {LIMIT_BYTES:,}"
@@ -323,7 +323,7 @@ class Aedat3Source(Source):
 
     def chunks(self, log: FaultLog) -> Iterator[Columns]:
         """Yield the events, a packet at a time; see :class:`Source`."""
-        for packet in self._file.packets(POLARITY, self._camera, log):
+        for packet in self._file.packets(self._camera, log):
             if packet.event_bytes != _AEDAT3_EVENT.itemsize:
                 raise self._file.damaged(packet.at, f"events of {packet.event_bytes} bytes")
             events = np.frombuffer(packet.data, _AEDAT3_EVENT)

@@ -50,7 +50,6 @@ __all__ = [
 STEP_M = 0.8 * COLUMN_M  # distance between two frames: no texel of the street is passed over
 STEP_US = 20_000  # time between two frames while the camera stands
 BLOCK = 64  # frames that are simulated together
-CHUNK = 1 << 16  # events in one array that is handed out
 
 _PARKED = 41
 
@@ -59,7 +58,7 @@ class SimulatedRecording:
     """One drive through a world, seen by one camera.
 
     Iterating yields event arrays, again from the start each time. The events depend on the
-    arguments alone, except `chunk`, which only decides where one array ends and the next begins.
+    arguments alone.
 
     Parameters
     ----------
@@ -67,8 +66,6 @@ class SimulatedRecording:
         Seed of what differs from drive to drive: speed, traffic, shake, noise.
     device : int
         Seed of what belongs to the camera: thresholds and hot pixels.
-    chunk : int
-        Most events in one array.
     scene : Scene, optional
         The painted `world`, for several drives through it; by default it is painted when needed.
 
@@ -100,15 +97,12 @@ class SimulatedRecording:
         *,
         seed: int,
         device: int = 0,
-        chunk: int = CHUNK,
         scene: Scene | None = None,
     ) -> None:
         if seed < 0 or device < 0:
             raise UsageError(f"seed {min(seed, device)} is negative: name a seed of 0 or more")
-        if chunk < 1:
-            raise UsageError(f"chunk of {chunk} events: name at least 1")
         self.world, self.camera, self.drive = world, camera, drive
-        self.seed, self.device, self.chunk = seed, device, chunk
+        self.seed, self.device = seed, device
         self._motion = drive_motion(drive, world.length_m, seed)
         self.track = Track(self._motion.time_us, self._motion.position_m[:, None])
         self.position = 0.0
@@ -134,7 +128,7 @@ class SimulatedRecording:
                 self.position = number / len(self._kept)
                 yield events
         else:
-            yield from _rechunk(self._blocks(), self.chunk)
+            yield from self._blocks()
         self.position = 1.0
 
     def keep(
@@ -221,25 +215,10 @@ class SimulatedRecording:
             pixels.step(image, now)
             if number % BLOCK == 0 or number == len(times):
                 self.position = now / times[-1]
-                yield pixels.take(noise.between((number - 1) // BLOCK, before, now))
+                events = pixels.take(noise.between((number - 1) // BLOCK, before, now))
+                if events.size:
+                    yield events
                 before = now
-
-
-def _rechunk(blocks: Iterator[Events], chunk: int) -> Iterator[Events]:
-    """Cut a stream of arrays into arrays of `chunk` events, the last one shorter."""
-    held: list[Events] = []
-    size = 0
-    for block in blocks:
-        held.append(block)
-        size += block.size
-        if size >= chunk:
-            joined = np.concatenate(held)
-            whole = size - size % chunk
-            for start in range(0, whole, chunk):
-                yield joined[start : start + chunk]
-            held, size = [joined[whole:]], size - whole
-    if size:
-        yield np.concatenate(held)
 
 
 def simulate_pair(

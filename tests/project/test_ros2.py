@@ -340,7 +340,7 @@ def test_a_node_whose_thread_dies_ends(messages, dds_types, monkeypatch, capsys)
         def __init__(self, arguments):
             self.connect, self.odometry_to = arguments.connect, ""
             self.frames = messages.Frames()
-            self._signalled = threading.Event()
+            self._signalled, self._look = threading.Event(), lambda: None
 
         def publish(self, message):
             raise RuntimeError("no more topics")

@@ -42,7 +42,7 @@ def test_a_baseline_finds_places_that_it_saw(name):
     matches = match_distances(found.distances, np.arange(12), SETTINGS)
     assert np.array_equal(matches.place, matches.query)
     assert found.bytes_per_place > 0 and found.operations > 0
-    assert found.describe_us > 0 and found.compare_us > 0
+    assert found.query_us > 0
 
 
 def test_all_baselines_are_named_and_an_unknown_one_is_refused():

@@ -41,10 +41,8 @@ QUIET = Camera(noise_hz=0, hot_pixels=0, bursts_per_minute=0, contrast_spread=0)
 STILL_IMAGE = Drive(shake_px=0, traffic_per_km=0, parked_per_km=0)
 
 
-def short(seed=3, chunk=1 << 16, drive=QUERY, camera=CAMERAS["tiny"], length_m=12, **kwargs):
-    return SimulatedRecording(
-        World(length_m=length_m), camera, drive, seed=seed, chunk=chunk, **kwargs
-    )
+def short(seed=3, drive=QUERY, camera=CAMERAS["tiny"], length_m=12, **kwargs):
+    return SimulatedRecording(World(length_m=length_m), camera, drive, seed=seed, **kwargs)
 
 
 def joined(recording):
@@ -67,24 +65,20 @@ def test_events_are_those_of_the_sensor_in_time_order_from_the_start():
             break  # without the compiler one camera is enough
 
 
-def test_the_same_seed_gives_the_same_events_however_they_are_cut_up():
-    """A second iteration, another object, any chunk size, and events kept in memory: all equal."""
+def test_the_same_seed_gives_the_same_events():
+    """A second iteration, another object, and events kept in memory: all equal."""
     recording = short()
     events = joined(recording)
     assert len(events) > 1000
     assert np.array_equal(joined(recording), events)
-    for chunk in (1, 7, 1000, 10**9):
-        chunks = list(short(chunk=chunk))
-        assert {len(part) for part in chunks[:-1]} <= {chunk}
-        assert 0 < len(chunks[-1]) <= chunk
-        assert np.array_equal(np.concatenate(chunks), events)
+    assert all(part.size for part in short())
     kept = short().keep()
     assert np.array_equal(joined(kept), events)
     assert np.array_equal(joined(kept), events)
 
 
 def test_two_iterations_at_once_do_not_disturb_each_other():
-    recording = short(chunk=500)
+    recording = short()
     one, two = iter(recording), iter(recording)
     first = [next(one), next(two), next(one), next(two)]
     assert np.array_equal(first[0], first[1])
@@ -128,7 +122,7 @@ def test_compiled_and_plain_python_make_the_same_events():
 
 
 def test_progress_runs_from_nothing_to_all():
-    recording = short(chunk=500)
+    recording = short()
     seen = []
     for _ in recording:
         seen.append(recording.position)
@@ -419,7 +413,6 @@ def test_the_world_is_drawn_anew_for_each_seed_and_parked_cars_for_each_drive():
         (lambda: Light(ambient=0), "ambient 0"),
         (lambda: Light(elevation_deg=0), "elevation_deg is 0"),
         (lambda: short(seed=-2), "seed -2 is negative"),
-        (lambda: short(chunk=0), "chunk of 0 events"),
     ],
 )
 def test_values_that_make_no_sense_are_refused_in_one_line(make, message):

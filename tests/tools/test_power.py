@@ -14,6 +14,7 @@ import sys
 import threading
 import time
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -380,7 +381,7 @@ def test_the_energy_of_a_match_is_what_it_adds_to_the_board_at_rest():
     assert (found.idle_w, found.load_w) == pytest.approx((2.0, 2.5), rel=0.02)
 
 
-def test_turns_alternate_so_that_a_steady_drift_cancels():
+def test_turns_alternate_so_that_a_steady_drift_cancels(monkeypatch):
     """Idle, load, load, idle; windows are longer for a slow meter, if quick for ten readings."""
     now = [0.0]
 
@@ -388,7 +389,9 @@ def test_turns_alternate_so_that_a_steady_drift_cancels():
         now[0] += seconds
         return 3
 
-    windows = take_turns(Plan(6, 2.0), wait, sleep=wait, clock=lambda: now[0])
+    clock = SimpleNamespace(sleep=wait, monotonic=lambda: now[0])
+    monkeypatch.setattr(measurement, "time", clock)
+    windows = take_turns(Plan(6, 2.0), wait)
     assert [w.load for w in windows[:4]] == [False, True, True, False]
     assert sum(w.load for w in windows) == 6 and {w.matches for w in windows} == {0, 3}
     assert Plan(5, 10.0).for_period(0.5).window_s == 50.0
@@ -931,7 +934,7 @@ def test_an_interrupt_that_a_library_drops_is_raised_before_the_next_window(monk
         return 1
 
     with pytest.raises(KeyboardInterrupt), terminated_as_interrupted():
-        take_turns(Plan(5, 0.1, quick=True), load, sleep=lambda seconds: None)
+        take_turns(Plan(5, 0.1, quick=True), load)
     assert len(ran) == 1
     monkeypatch.undo()
     assert signal.getsignal(signal.SIGINT) is ours

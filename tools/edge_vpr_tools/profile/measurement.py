@@ -344,13 +344,7 @@ class Plan:
         return replace(self, window_s=max(self.window_s, least * period_s))
 
 
-def take_turns(
-    plan: Plan,
-    load: Load,
-    *,
-    sleep: Callable[[float], None] = time.sleep,
-    clock: Callable[[], float] = time.monotonic,
-) -> list[Window]:
+def take_turns(plan: Plan, load: Load) -> list[Window]:
     """Alternate idle and load windows, with alternating order within pairs.
 
     A steady drift of the board's power cancels over two pairs: idle, load, load, idle. In idle
@@ -360,8 +354,6 @@ def take_turns(
     ----------
     load : callable
         Must be warm: compiled, and in the caches.
-    sleep, clock : callable
-        Replaced in tests.
     """
     windows = []
     for pair in range(plan.pairs):
@@ -369,12 +361,12 @@ def take_turns(
         note(f"idle and load, pair {pair + 1} of {plan.pairs}: {left_s:.0f} s left")
         for loaded in (False, True) if pair % 2 == 0 else (True, False):
             check_interrupted()
-            start, matches = clock(), 0
+            start, matches = time.monotonic(), 0
             if loaded:
                 matches = load(plan.window_s)
             else:
-                sleep(plan.window_s)
-            windows.append(Window(loaded, start, clock(), matches))
+                time.sleep(plan.window_s)
+            windows.append(Window(loaded, start, time.monotonic(), matches))
     return windows
 
 
