@@ -7,6 +7,7 @@ firmware_model.image``.
 
 from __future__ import annotations
 
+import argparse
 import struct
 import zlib
 from collections.abc import Mapping
@@ -293,4 +294,5 @@ def _aligned(size: int) -> int:
 
 
 if __name__ == "__main__":
+    argparse.ArgumentParser(description="Print the layout in Markdown.").parse_args()
     print(page())

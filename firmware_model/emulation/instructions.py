@@ -6,6 +6,7 @@ C sources, which a test compares with a new count.
 
 from __future__ import annotations
 
+import argparse
 import struct
 import sys
 import tempfile
@@ -206,6 +207,7 @@ def table(rows: Sequence[Any]) -> str:
 
 def write_table(measured: Callable[[Target, str], Any]) -> None:
     """Measure all processors, and write the table to standard output."""
+    argparse.ArgumentParser(description=write_table.__doc__).parse_args()
     with tempfile.TemporaryDirectory() as folder:
         sys.stdout.write(table([measured(target, folder) for target in EMULATED]))
 

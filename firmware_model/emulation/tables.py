@@ -7,6 +7,7 @@ in its package.
 
 from __future__ import annotations
 
+import argparse
 import struct
 import sys
 
@@ -101,4 +102,5 @@ def _step_costs() -> str:
 
 
 if __name__ == "__main__":
+    argparse.ArgumentParser(description="Print c/tables.h.").parse_args()
     sys.stdout.write(header())

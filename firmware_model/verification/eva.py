@@ -19,6 +19,7 @@ In images of `LARGE_SIZES` the loops are too long to be unrolled: the tables hav
 
 from __future__ import annotations
 
+import argparse
 import re
 import resource
 import shutil
@@ -326,6 +327,7 @@ def alarms(design: Design, *, large: bool = False, sources: Path = SOURCES) -> l
 
 def main() -> int:
     """Analyse images of all sizes; return 1 if there is an alarm."""
+    argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0]).parse_args()
     failures = 0
     try:
         for name, design in (SIZES | LARGE_SIZES).items():

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import ast
+import subprocess
+import sys
 from collections import Counter
 from pathlib import Path
 
@@ -351,3 +353,18 @@ def test_tables_that_do_not_fit_the_design_are_refused():
         Memories(
             small(pixels=4, lookup_depth=4), [(0, 0), (2, 0), (0, 1), (1, 1)], [[0] * 4] * 3
         ).lookup()
+
+
+#: without those that need the package of a simulator to be imported
+PROGRAMS = [
+    path.relative_to(ROOM.parent).with_suffix("").as_posix().replace("/", ".")
+    for path in sorted(ROOM.rglob("*.py"))
+    if '__name__ == "__main__"' in path.read_text() and "cocotb" not in path.parts
+]
+
+
+@pytest.mark.parametrize("program", PROGRAMS)
+def test_every_program_says_what_it_does_instead_of_doing_it(program):
+    words = [sys.executable, "-m", program, "--help"]
+    done = subprocess.run(words, capture_output=True, text=True, check=True, cwd=ROOM.parent)
+    assert done.stdout.startswith(f"usage: {program.rpartition('.')[2]}.py")
