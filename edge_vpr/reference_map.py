@@ -56,7 +56,8 @@ from edge_vpr.online.localiser import Localiser, OdometryFeed
 from edge_vpr.online.schedule import MatchSchedule
 from edge_vpr.recordings import Faults, Recording, open_recording
 from edge_vpr.recordings.memory import FORMAT as MEMORY
-from edge_vpr.recordings.memory import column_names, is_event_data
+from edge_vpr.recordings.memory import column_names
+from edge_vpr.recordings.reading import Camera
 from edge_vpr.registration import Registration, register
 from edge_vpr.results import (
     LEFT_OUT,
@@ -292,7 +293,7 @@ class ReferenceMap(MapRecord):
         >>> monday, tuesday = simulate_pair(0, "tiny", length_m=40)
         >>> update = ReferenceMap.build(monday, pixels=50).update(tuesday, track=tuesday.track)
         """
-        drive = self._opened(recording)
+        drive = opened(recording, default=self.camera)
         check_sensor(drive.sensor, self.pixel_map.sensor)
         track = _of_part(drive, _track_of(track))
         odometry = _of_part(drive, _odometry_of(odometry))
@@ -343,7 +344,7 @@ class ReferenceMap(MapRecord):
             _check_causal(changes, "match, of every=")
         asked = self._asked(settings, changes, "match")
         given = (recording, odometry)
-        drive = self._opened(recording)
+        drive = opened(recording, default=self.camera)
         inputs = tuple(str(each) for each in given if isinstance(each, str | Path))
         if isinstance(drive, Recording) and drive is recording and drive.format != MEMORY:
             inputs = (str(drive.path), *inputs)
@@ -427,10 +428,10 @@ class ReferenceMap(MapRecord):
             settings=self.settings.to_dict(),
         )
 
-    def _opened(self, recording: AnyRecording) -> EventSource | WindowSource:
-        """Open a recording of the camera of the map; events in memory are from its sensor."""
-        sensor = self.pixel_map.sensor if is_event_data(recording) else None
-        return opened(recording, sensor=sensor, frame_period=self.frame_period)
+    @property
+    def camera(self) -> Camera:
+        """The camera of the drive; see `open_recording`."""
+        return Camera(self.pixel_map.sensor, self.frame_period)
 
     def _asked(
         self, settings: Settings | None, changes: Mapping[str, Any], by: str

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
-from fractions import Fraction
 from pathlib import Path
 from typing import Any, Protocol, TypeAlias, runtime_checkable
 
@@ -38,6 +37,7 @@ from edge_vpr.events import (
 )
 from edge_vpr.recordings import EventData, open_recording
 from edge_vpr.recordings.memory import is_event_data
+from edge_vpr.recordings.reading import NO_CAMERA, Camera
 from edge_vpr.settings import Settings
 
 # Kernels that count events at selected pixels.
@@ -562,7 +562,7 @@ def opened(
     recording: AnyRecording,
     *,
     sensor: SensorSize | None = None,
-    frame_period: Fraction | None = None,
+    default: Camera = NO_CAMERA,
 ) -> EventSource | WindowSource:
     """Return a recording, or open it if it is a path or events in memory.
 
@@ -570,8 +570,8 @@ def opened(
     ----------
     sensor : Sensor or (int, int) or str, optional
         Where the file or the events do not state it.
-    frame_period : Fraction, optional
-        Seconds a frame of counts, where the file does not say.
+    default : Camera, optional
+        See `open_recording`.
 
     Raises
     ------
@@ -580,7 +580,7 @@ def opened(
     """
     drive: Any = recording  # the tests below are not those of its type
     if isinstance(drive, str | Path) or is_event_data(drive):
-        return open_recording(drive, sensor=sensor, default_frame_period=frame_period)
+        return open_recording(drive, sensor=sensor, default=default)
     if not isinstance(drive, WindowSource) and not (
         hasattr(drive, "sensor") and hasattr(drive, "__iter__")
     ):

@@ -212,6 +212,11 @@ class GroundTruth(EqualByValue):
         """Unit of `errors`."""
         return "places" if self.positions is None else self.positions.unit
 
+    @property
+    def tolerance_text(self) -> str:
+        """Tolerance with its unit, such as ``70 m``; empty without positions."""
+        return "" if self.positions is None else f"{self.positions.tolerance:g} {self.error_unit}"
+
     def errors(self, place: npt.NDArray[np.integer], query: npt.NDArray[np.integer]) -> Floats:
         """Return how far each matched place is from the true position of its query.
 

@@ -302,13 +302,13 @@ class Evaluation:
             "recall_at_99_precision": self.recall_at_99_precision,
             "average_precision": self.curve.average_precision,
             "recall_at": {str(n): recall for n, recall in self.recall_at.items()},
+            "queries": self.queries,
         }
 
     def to_dict(self) -> dict[str, Any]:
         """Return plain values, for JSON."""
         return {
             **self.shares(),
-            "queries": self.queries,
             "queries_unknown": self.queries_unknown,
             "queries_without_place": self.queries_without_place,
             "queries_tied": self.queries_tied,

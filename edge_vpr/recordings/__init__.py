@@ -43,6 +43,8 @@ from edge_vpr.recordings.numpy_files import Archive
 from edge_vpr.recordings.prophesee import encoding_of
 from edge_vpr.recordings.reading import (
     CHUNK_EVENTS,
+    NO_CAMERA,
+    Camera,
     Columns,
     Faults,
     ReadOptions,
@@ -182,7 +184,7 @@ def open_recording(
     end: float | str | None = None,
     on_fault: str = "error",
     frame_period: Fraction | float | str | None = None,
-    default_frame_period: Fraction | None = None,
+    default: Camera = NO_CAMERA,
     chunk_events: int = CHUNK_EVENTS,
     topic: str | None = None,
     time_unit: str | None = None,
@@ -209,8 +211,8 @@ def open_recording(
         running backwards, pixels off the sensor, unreadable entries and a cut-off end.
     frame_period : Fraction or float or str, optional
         Seconds a frame, such as ``"1/30"``, for count frames that do not state it.
-    default_frame_period : Fraction, optional
-        The same where neither the file nor `frame_period` states it, as of a map.
+    default : Camera, optional
+        Sensor and seconds a frame where neither the file nor the caller states them, as of a map.
     chunk_events : int
         Approximate number of events in a chunk.
     topic : str, optional
@@ -253,9 +255,7 @@ def open_recording(
     chosen = None if format is None else format_of(format)
     crop = crop_of(start, end)
     size = None if sensor is None else Sensor.of(sensor)
-    options = ReadOptions(
-        "", size, period, default_frame_period, chunk_events, topic, time_unit, columns
-    )
+    options = ReadOptions("", size, period, default, chunk_events, topic, time_unit, columns)
     if is_event_data(path):
         recording = Recording(MemorySource(path, replace(options, format=MEMORY)), on_fault)
     else:

@@ -109,7 +109,7 @@ class Aedat2Source(Source):
                 f"{path} was recorded by the chip {chip}, whose addresses are not known here: "
                 "convert it with jAER or DV to AEDAT 4"
             )
-        self._sensor = size or options.sensor or Sensor(0, 0)
+        self._sensor = size or options.sensor or options.default.sensor or Sensor(0, 0)
         if self._sensor not in _CHIPS.values():
             known = ", ".join(sorted({str(each) for each in _CHIPS.values()}))
             raise UsageError(

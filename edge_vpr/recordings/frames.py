@@ -544,7 +544,7 @@ class FrameSource(Source):
         super().__init__(path, options, self.frames.sensor, self.frames.start_us)
         period = self.frames.period
         if period is None:
-            period = options.frame_period or options.default_frame_period
+            period = options.frame_period or options.default.frame_period
         elif options.frame_period not in (None, period):
             raise UsageError(
                 f"{path} has frames of {period} s, and {options.frame_period} s was given: "

@@ -61,17 +61,27 @@ def in_chunks(columns: Columns, number: int) -> Iterator[Columns]:
 CHUNK_EVENTS = 1 << 16
 
 
+class Camera(NamedTuple):
+    """What a recording does not say of its camera, as a map knows it."""
+
+    sensor: Sensor | None = None
+    frame_period: Fraction | None = None  #: Seconds a frame of counts.
+
+
+NO_CAMERA = Camera()
+
+
 @dataclass(frozen=True)
 class ReadOptions:
     """Format of the file (a name of `FORMATS`), and what the caller states about it.
 
-    `frame_period` must not contradict the file; `default_frame_period` is for files without one.
+    `sensor` and `frame_period` must not contradict the file; `default` is for files without them.
     """
 
     format: str
     sensor: Sensor | None = None
     frame_period: Fraction | None = None
-    default_frame_period: Fraction | None = None
+    default: Camera = NO_CAMERA
     chunk_events: int = CHUNK_EVENTS
     topic: str | None = None
     time_unit: str | None = None
@@ -118,7 +128,7 @@ class Source(ABC):
     ) -> None:
         self.path = path
         self.options = options
-        self.sensor = sensor if sensor is not None else options.sensor
+        self.sensor = sensor or options.sensor or options.default.sensor
         if self.sensor is not None and not self.sensor.possible:
             raise RecordingError(
                 f"{path} names a sensor of {self.sensor}: sides are 1 to {LONGEST_SIDE:,} pixels, "

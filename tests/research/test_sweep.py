@@ -468,7 +468,7 @@ def a_match(folder, costs=None, **changed):
     """Write the records of an evaluated match, with a setting changed."""
     folder.mkdir()
     shares = dict.fromkeys(list(comparison.MEASURES)[:3], 0.5)
-    metrics = {"evaluation": shares | {"recall_at": {"1": 0.5}}, **(costs or {})}
+    metrics = {"evaluation": shares | {"recall_at": {"1": 0.5}, "queries": 9}, **(costs or {})}
     (folder / "metrics.json").write_text(json.dumps(metrics))
     write_json(folder / "run.json", run_record({"seed": 1, "tau_us": 5} | changed, []))
     return folder
@@ -516,7 +516,7 @@ def test_a_field_of_a_wrong_type_ends_a_comparison_in_one_line(
 
 
 @pytest.mark.parametrize(
-    ("preset", "changes", "operations", "size"),
+    ("preset", "changes", "differences", "size"),
     [
         ("paper", {}, 5 * 7, 3),
         ("paper", {"polarity": True}, 2 * 5 * 7, 3),  # a pixel has two counters
@@ -524,14 +524,15 @@ def test_a_field_of_a_wrong_type_ends_a_comparison_in_one_line(
     ],
 )
 def test_costs_of_a_match_count_counters_and_the_places_of_a_window(
-    tmp_path, preset, changes, operations, size
+    tmp_path, preset, changes, differences, size
 ):
     costs = {"pixels": 5, "places": 7, "packed_bytes_per_place": 3, "queries": 2, "matching_s": 0.5}
     settings = PRESETS[preset].replaced(changes, "test").to_dict()
     (row,) = rows_of([a_match(tmp_path / "run", costs, **settings)])
-    assert row.values["operations_per_match"] == (operations,)
+    assert row.values["differences_per_match"] == (differences,)
     assert row.values["packed_bytes_per_window"] == (size,)
     assert row.values["microseconds_per_match"] == (250_000,)
+    assert row.values["queries"] == (9,)  # that were judged
 
 
 def test_what_a_run_does_not_say_of_a_setting_is_its_default(tmp_path):
@@ -589,7 +590,7 @@ def test_the_commands_sweep_and_compare(plan_file, tmp_path, capsys):
     words = f"sweep {plan_file} -o {folder} --workers 1".split()
     assert cli.main(words) == 0
     said = capsys.readouterr().out
-    assert "| out | pixels=3 | evening | 0.2 | 2 |" in said
+    assert "| out | pixels=3 | evening | 0.2 s | 2 |" in said
     assert "0 were known, 4 computed now" in said
     assert cli.main(words) == 0
     assert "4 were known, 0 computed now" in capsys.readouterr().out
@@ -631,10 +632,10 @@ def test_the_commands_sweep_and_compare(plan_file, tmp_path, capsys):
     # the sweep is map, match and evaluate
     seed_1 = next(row for row in rows_of([folder]) if row.variant == "again")
     alone = rows_of([tmp_path / "alone"])[0]
-    for measure in list(comparison.MEASURES)[:8]:
+    for measure in list(comparison.MEASURES)[:9]:
         assert seed_1.values[measure][0] == alone.values[measure][0]
     places = json.loads((tmp_path / "alone/metrics.json").read_text())["places"]
-    assert alone.values["operations_per_match"] == (5 * places,)
+    assert alone.values["differences_per_match"] == (5 * places,)
     capsys.readouterr()
     assert cli.main(f"compare {tmp_path}".split()) == 2
     # two folders of one name are told apart, and a name out of a file is no escape sequence
@@ -774,8 +775,8 @@ def test_curves_are_named_by_what_tells_them_apart_in_whole_words():
 
 def test_no_title_of_a_comparison_is_cut():
     rows = [replace(row, variant="a long name of a variant " * 4) for row in rows_over_drives()]
-    for drawing in (draw(rows, "operations_per_match"),
-                    comparison.draw_over(rows, "operations_per_match", "pixels")):  # fmt: skip
+    for drawing in (draw(rows, "differences_per_match"),
+                    comparison.draw_over(rows, "differences_per_match", "pixels")):  # fmt: skip
         drawing.draw_without_rendering()
         (axes,) = drawing.axes
         title = axes.title.get_window_extent()
@@ -797,18 +798,20 @@ def test_a_sweep_judges_by_several_tolerances_and_matches_once(plan_file, tmp_pa
     swept(plan_file, workers, tmp_path / "several")
     assert workers.jobs == 4  # of two variants and two seeds
     rows = rows_of([tmp_path / "several"])
-    assert [row.tolerance for row in rows] == ["0.2", "0.5"] * 3
+    assert [row.tolerance for row in rows] == ["0.2 s", "0.5 s"] * 3
     for tolerance in ("0.2", "0.5"):
         plan_file.write_text(one.replace("tolerance = 0.2", f"tolerance = {tolerance}"))
         swept(plan_file, Inline(), tmp_path / tolerance)
         alone = rows_of([tmp_path / tolerance])
-        for row, single in zip([r for r in rows if r.tolerance == tolerance], alone, strict=True):
+        for row, single in zip(
+            [r for r in rows if r.tolerance == f"{tolerance} s"], alone, strict=True
+        ):
             for measure in list(comparison.MEASURES)[:SHARES]:
                 assert row.values[measure] == single.values[measure]
     assert rows[1].mean("recall_at_1") > rows[0].mean("recall_at_1")
     assert rows[0].mean("recall_at_10") > rows[0].mean("recall_at_1")
     found = comparison.averages(rows, "recall_at_5")
-    assert [one.tolerance for one in found] == ["0.2", "0.5"] * 2 + ["0.2", "0.5"]
+    assert [one.tolerance for one in found] == ["0.2 s", "0.5 s"] * 3
     # a variant is compared with the first one by the same tolerance
     assert [one.difference is None for one in found] == [True, True, False, False, False, False]
     write_comparison(tmp_path, rows, ["svg"], "recall_at_5", over="pixels")

@@ -652,3 +652,22 @@ def test_tau_auto_fits_the_window_to_a_slow_robot(knows_speed, tmp_path, capsys)
         assert fitting.windows.selected_events.mean() / len(fitting.pixel_map) > 2
     assert fitting.settings.tau_us > short.settings.tau_us
     assert abs(named * 1_000 - fitting.settings.tau_us) <= 0.3 * fitting.settings.tau_us
+
+
+def test_a_query_that_does_not_say_its_sensor_has_that_of_the_map(drive, tmp_path):
+    """For every command that reads it beside the map or the matches."""
+    events = np.concatenate(list(open_recording(drive / "query.npz")))
+    columns = [events[name] for name in "txyp"]
+    np.savetxt(tmp_path / "query.csv", np.column_stack(columns), fmt="%d", delimiter=",")
+    reference, query = drive / "map.npz", tmp_path / "query.csv"
+    for words in (
+        ["match", reference, query, "-o", tmp_path / "m", "--no-figures"],
+        ["match", reference, query, "-o", tmp_path / "live", "--online", "--no-figures"],
+        ["replay", tmp_path / "live", "-o", tmp_path / "film.gif", "--frames", "2"],
+        ["map", reference, query, "-o", tmp_path / "learnt.npz", "--same-route"],
+        ["golden", "--map", reference, "--recording", query, "--suite", "recording",
+         "-o", tmp_path / "vectors"],
+    ):  # fmt: skip
+        assert main([str(word) for word in words]) == 0
+    of_sensor = Matches.load(drive / "results" / "matches.npz")
+    np.testing.assert_array_equal(Matches.load(tmp_path / "m/matches.npz").place, of_sensor.place)

@@ -339,7 +339,10 @@ def test_a_map_of_frames_of_its_pixels_has_no_rate_of_events(drive, tmp_path, ca
     text = joined(capsys.readouterr().out)
     assert "an assumption: the map counts events at its pixels alone" in text
     assert main(["estimate", "--map", str(drive / "map.npz")]) == 0
-    assert "(as in the map's drive)" in joined(capsys.readouterr().out)
+    text = joined(capsys.readouterr().out)
+    assert "(as in the map's drive)" in text
+    differences = len(mapped.pixel_map) * len(mapped)  # as `compare` shows them
+    assert f" operations, {differences:,} of them differences of codes, and moves " in text
 
 
 def test_a_map_of_frames_of_chosen_pixels_alone_has_no_rate_either(shared_data):

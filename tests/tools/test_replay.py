@@ -64,7 +64,7 @@ def load(folder, most, **more):
     inputs = RecordedInputs(read_run(folder))
     result = MatchResult.load(folder)
     needed = result.queries is None or more.get("all_events")
-    recording = inputs.recording("a test") if needed else None
+    recording = inputs.recording("a test", result.reference.camera) if needed else None
     return replay_of(result, recording, inputs.odometry(), most, **more)
 
 
@@ -112,7 +112,9 @@ def test_a_film_of_an_evaluated_drive_shows_the_truth(there, tmp_path, name, cap
     words = ["evaluate", str(copy), "--ground-truth", "track.csv", str(truth), "--tolerance", "5"]
     assert main(words) == 0
     inputs, result = RecordedInputs(read_run(copy)), MatchResult.load(copy)
-    recording = inputs.recording("a test") if result.queries is None else None
+    recording = (
+        inputs.recording("a test", result.reference.camera) if result.queries is None else None
+    )
     files = evaluated_truth(copy)
     film = replay_of(result, recording, inputs.odometry(), 1_000, truth=files)
     time_us = film.outcome.matches.time_us

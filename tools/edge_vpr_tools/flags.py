@@ -40,7 +40,9 @@ def add_reading_arguments(
         "reading", "needed where a file does not hold this information"
     )
     group.add_argument(
-        "--sensor", metavar="WxH", help="size of the sensor, such as 346x260 (default: the file's)"
+        "--sensor",
+        metavar="WxH",
+        help="size of the sensor, such as 346x260 (default: the file's, or else the map's)",
     )
     if on_fault:
         group.add_argument(

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Iterable, Iterator
-from fractions import Fraction
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -12,7 +11,7 @@ from edge_vpr.descriptors.counting import Removed, WindowSource
 from edge_vpr.descriptors.windows import PublishedWindows
 from edge_vpr.events import Events
 from edge_vpr.recordings import Recording, open_recording
-from edge_vpr.recordings.reading import crop_of
+from edge_vpr.recordings.reading import NO_CAMERA, Camera, crop_of
 from edge_vpr.settings import Settings
 from edge_vpr_tools.console import check_interrupted, is_quiet
 
@@ -20,17 +19,15 @@ if TYPE_CHECKING:
     from rich.console import Console
 
 
-def open_from(
-    args: argparse.Namespace, path: str | Path, *, default_period: Fraction | None = None
-) -> Recording:
-    """Open a recording with the flags of :func:`add_reading_arguments`."""
+def open_from(args: argparse.Namespace, path: str | Path, default: Camera = NO_CAMERA) -> Recording:
+    """Open a recording with the flags of :func:`add_reading_arguments`; see `open_recording`."""
     recording = open_recording(
         path,
         format=args.format,
         sensor=args.sensor,
         on_fault=args.on_fault,
         frame_period=args.frame_period,
-        default_frame_period=default_period,
+        default=default,
         topic=args.topic,
         time_unit=args.time_unit,
         columns=args.columns,
@@ -40,21 +37,15 @@ def open_from(
 
 
 def open_source(
-    args: argparse.Namespace, path: str | Path, default_period: Fraction | None = None
+    args: argparse.Namespace, path: str | Path, default: Camera = NO_CAMERA
 ) -> Recording | PublishedWindows:
-    """Open a recording as events, or with ``--frames-as-windows`` as windows of counts.
-
-    Parameters
-    ----------
-    default_period : Fraction, optional
-        Seconds a frame, if neither the file nor the flag says; as of the map.
-    """
+    """Open events as `open_from`, or with ``--frames-as-windows`` windows of counts."""
     if not args.frames_as_windows:
-        return open_from(args, path, default_period=default_period)
+        return open_from(args, path, default)
     return PublishedWindows(
         path,
-        frame_period=args.frame_period or default_period,
-        sensor=args.sensor,
+        frame_period=args.frame_period or default.frame_period,
+        sensor=args.sensor or default.sensor,
         crop=crop_of(args.start, args.end, args.start_offset),
     )
 

@@ -158,10 +158,9 @@ def read_replay(folder: Path) -> Replay:
     files = tuple(replace(one, path=str(folder / one.path)) for one in run.inputs)
     words = (str(folder / word) if (folder / word).is_file() else word for word in run.command)
     inputs = RecordedInputs(replace(run, inputs=files, command=tuple(words)))
-    recording = inputs.recording("a picture")
-    return replay_of(
-        MatchResult.load(results), recording, inputs.odometry(), 10_000, all_events=True
-    )
+    matched = MatchResult.load(results)
+    recording = inputs.recording("a picture", matched.reference.camera)
+    return replay_of(matched, recording, inputs.odometry(), 10_000, all_events=True)
 
 
 def show_events(axes: Axes, image: np.ndarray) -> None:

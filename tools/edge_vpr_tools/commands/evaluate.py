@@ -131,7 +131,7 @@ def run(args: argparse.Namespace) -> None:
     evaluations = {} if first is None or truth.positions is None else {first: found}
     for tolerance in others:
         evaluations[tolerance] = judged(truth_of(result, replace(files, tolerance=tolerance)))
-    by_tolerance = {f"{each:g} {truth.error_unit}": one for each, one in evaluations.items()}
+    by_tolerance = {one.truth.tolerance_text: one for one in evaluations.values()}
     metrics = read_json(folder / results.METRICS, "metrics", "match again")
     metrics["ground_truth"] = truth.description
     metrics["truth"] = files

@@ -97,7 +97,7 @@ def run(args: argparse.Namespace) -> None:
         reference = ReferenceMap.load(args.map)
         design = design_of(reference, args.lanes)
         if args.recording is not None:
-            recording = open_recording(args.recording, default_frame_period=reference.frame_period)
+            recording = open_recording(args.recording, default=reference.camera)
             with status("windows of the recording"):
                 case, fits = recorded_case(
                     reference, design, recording, args.max_windows, case_size(args.case_size)

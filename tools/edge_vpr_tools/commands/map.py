@@ -184,7 +184,7 @@ def run(args: argparse.Namespace) -> None:
         if concern := slow_concern(reference):
             warning(f"{args.recording}: {concern}")
     for drive, track in itertools.zip_longest(args.more, of_drives):
-        other = open_source(args, drive, reference.frame_period)
+        other = open_source(args, drive, reference.camera)
         update = reference.update(
             tracked(other, "learning"), track=track, same_route=args.same_route
         )

@@ -139,7 +139,7 @@ def run(args: argparse.Namespace) -> None:
     if args.online:
         recording, found = _match_online(args, reference, asked, odometry)
     else:
-        recording = open_source(args, args.recording, reference.frame_period)
+        recording = open_source(args, args.recording, reference.camera)
         with_odometry = odometry is not None
         warm_up_shown(matching_steps(asked, odometry=with_odometry, registered=args.register))
         found = reference.match(
@@ -221,7 +221,7 @@ def _match_online(
         raise UsageError("--online needs events: leave --frames-as-windows out")
     causal = asked.causal()
     every = args.every or ("window" if causal.settings.match_delay else "event")
-    recording = open_from(args, args.recording, default_period=reference.frame_period)
+    recording = open_from(args, args.recording, reference.camera)
     bursts = BurstFilter(reference.pixel_map.sensor)
     warm_up_shown(
         localising_steps(

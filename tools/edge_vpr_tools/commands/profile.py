@@ -74,7 +74,7 @@ def load_of(args: argparse.Namespace) -> Load:
             drive.keep(partial(tracked, label=f"simulating the {name}"))
         return street_load(*pair)
     reference = ReferenceMap.load(args.map)
-    recording = open_recording(args.recording, default_frame_period=reference.frame_period)
+    recording = open_recording(args.recording, default=reference.camera)
     check_sensor(recording.sensor, reference.pixel_map.sensor)
     events = list(cleaned(recording, reference.settings))
     return Load(args.recording, reference, events, [args.map, args.recording])

@@ -14,6 +14,7 @@ from edge_vpr_tools.flags import add_output_flags
 if TYPE_CHECKING:
     from edge_vpr.descriptors.windows import PublishedWindows
     from edge_vpr.recordings import Recording
+    from edge_vpr.recordings.reading import Camera
     from edge_vpr.results import RunRecord
     from edge_vpr.route import Odometry
     from edge_vpr_tools.truth_files import TruthFiles
@@ -64,13 +65,15 @@ class RecordedInputs:
         if verb == "match":
             self._args = VerbParser(verb).parse(words)
 
-    def recording(self, what: str) -> Recording | PublishedWindows:
+    def recording(self, what: str, camera: Camera) -> Recording | PublishedWindows:
         """Open the recording of the query.
 
         Parameters
         ----------
         what : str
             What needs it, for the message.
+        camera : Camera
+            Of the map.
 
         Raises
         ------
@@ -84,7 +87,7 @@ class RecordedInputs:
                 f"{what} needs the recording, which the record of this run does not name: replay "
                 "results of edge-vpr match"
             )
-        return open_source(self._args, self._unchanged(self._args.recording, what))
+        return open_source(self._args, self._unchanged(self._args.recording, what), camera)
 
     def odometry(self) -> Odometry | None:
         """Read the odometry of the query; None if the run had none.
@@ -144,7 +147,7 @@ def run(args: argparse.Namespace) -> None:
         recording = None
         if args.all_events or result.queries is None:
             what = "the events of all pixels" if args.all_events else "a match --online"
-            recording = inputs.recording(what)
+            recording = inputs.recording(what, result.reference.camera)
         replay = replay_of(
             result,
             recording,

@@ -86,7 +86,8 @@ def show_design(
     match_s = 1 / of.mission.matches_per_s
     over = [f"{target.name} ({of.limited_by})" for target, of in found.items() if of.limited_by]
     text = (
-        f"{design_text(of.design)}. The search takes {sum(operations):,} operations and moves "
+        f"{design_text(of.design)}. The search takes {sum(operations):,} operations, "
+        f"{of.design.places * of.design.slots:,} of them differences of codes, and moves "
         f"{size_text(moved)}. Matches per joule are of {WORK}, by the events per second of the "
         "whole sensor; time and energy of a match, with its events, are at "
         f"{of.mission.events_per_s:,.0f} events/s ({rate_is}), one match each {match_s:.3g} s"

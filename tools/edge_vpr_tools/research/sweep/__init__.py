@@ -1,7 +1,7 @@
 """Sweeps: variants x drives x seeds, on the processes of one machine or on a cluster."""
 
-#: those of `MEASURES` that are shares, of each tolerance
-SHARES = 6
+#: those of `MEASURES` that differ by the tolerance
+SHARES = 7
 #: figures of merit by their name in a file, with the heading of their column
 MEASURES = {
     "precision_at_100_recall": "P@100R",
@@ -10,7 +10,8 @@ MEASURES = {
     "recall_at_1": "Recall@1",
     "recall_at_5": "Recall@5",
     "recall_at_10": "Recall@10",
+    "queries": "judged windows",
     "packed_bytes_per_window": "bytes per window",
-    "operations_per_match": "operations per match",
+    "differences_per_match": "differences per match",
     "microseconds_per_match": "µs per match",
 }

@@ -29,7 +29,7 @@ from edge_vpr_tools.research.sweep.plan import sweep_store
 from edge_vpr_tools.research.trials import SWEEP, ListedTrial
 
 #: shown with thousands and without decimals
-_WHOLE = ("packed_bytes_per_window", "operations_per_match")
+_WHOLE = ("queries", "packed_bytes_per_window", "differences_per_match")
 #: more rows than this are illegible in one figure
 MOST_DRAWN = 60
 _REMEDY = "evaluate it again"
@@ -43,7 +43,7 @@ class Row:
     #: variant, drives: empty for a single match.
     variant: str
     drives: str
-    tolerance: str = ""  #: By which the shares are, where it is known.
+    tolerance: str = ""  #: By which the shares are, with its unit, where it is known.
     values: Mapping[str, tuple[float, ...]]  #: Values of `MEASURES`, one for each seed.
     failed: int = 0  #: Number of seeds without a result.
     seeds: tuple[int, ...] = ()  #: Seed of each value.
@@ -127,6 +127,7 @@ class _Evaluation:
     recall_at_99_precision: float | None
     average_precision: float | None
     recall_at: Mapping[str, float | None]
+    queries: int
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -165,12 +166,11 @@ def _of_sweep(run: Path, name: str) -> list[Row]:
         if last is not None:
             source = f"{run}: the trial of {variant}"
             settings = Settings.from_dict(last.settings, source).to_dict()
-        tolerances = () if last is None else last.drives.tolerance
-        for i, tolerance in enumerate([f"{each:g}" for each in tolerances] or [""]):
+        for i in range(1 + (len(known[-1][2].others) if known else 0)):
             measured = [
                 asdict(found)
                 | ({} if i == 0 else asdict(found.others[i - 1]))
-                | {"operations_per_match": found.operations}
+                | {"differences_per_match": found.operations}
                 for _, _, found in known
             ]
             rows.append(
@@ -178,7 +178,7 @@ def _of_sweep(run: Path, name: str) -> list[Row]:
                     run=name,
                     variant=variant,
                     drives=drives,
-                    tolerance=tolerance,
+                    tolerance=measured[-1]["tolerance"] if measured else "",
                     values={each: tuple(float(one[each]) for one in measured) for each in MEASURES},
                     failed=len(listed) - len(known),
                     seeds=tuple(seed for seed, *_ in known),
@@ -201,13 +201,15 @@ def _of_match(run: Path, name: str) -> list[Row]:
         size = metrics.packed_bytes_per_place * settings.window_parts
         values["packed_bytes_per_window"] = size
         values["microseconds_per_match"] = 1e6 * metrics.matching_s / metrics.queries
-        values["operations_per_match"] = _operations(metrics.pixels, metrics.places, settings)
+        codes = (2 if settings.polarity else 1) * metrics.pixels
+        values["differences_per_match"] = codes * metrics.places
     rows = []
     for one in metrics.tolerances or (evaluation,):
         shares = {
             "precision_at_100_recall": one.precision_at_100_recall,
             "recall_at_99_precision": one.recall_at_99_precision,
             "average_precision": one.average_precision,
+            "queries": one.queries,
             **{f"recall_at_{n}": one.recall_at.get(f"{n}") for n in (1, 5, 10)},
         }
         found = values | shares
@@ -216,7 +218,7 @@ def _of_match(run: Path, name: str) -> list[Row]:
                 run=name,
                 variant="",
                 drives="",
-                tolerance=f"{one.tolerance:g}" if isinstance(one, _OfTolerance) else "",
+                tolerance=f"{one.tolerance:g} {one.unit}" if isinstance(one, _OfTolerance) else "",
                 values={
                     each: () if (value := found.get(each)) is None else (float(value),)
                     for each in MEASURES
@@ -226,11 +228,6 @@ def _of_match(run: Path, name: str) -> list[Row]:
             )
         )
     return rows
-
-
-def _operations(pixels: int, places: int, settings: Settings) -> int:
-    """Return the number of differences of counters between one query window and all places."""
-    return (2 if settings.polarity else 1) * pixels * places
 
 
 def digits_of(measure: str) -> int:
