@@ -79,10 +79,9 @@ def test_the_verdict_says_what_the_metrics_say(street):
     correct = round(found["precision_at_100_recall"] * found["queries"])
     assert 0 < correct < found["queries"]
     assert printed == metrics["verdict"]
-    assert printed.startswith(f"{correct} of {found['queries']} matches are correct; the wrong ")
+    assert printed.startswith(f"{correct} of {found['queries']} smoothed matches are correct; ")
     assert printed in text
     kinds = [f"{a}, {b}" for a in ("correct", "wrong") for b in ("accepted", "not accepted")]
-    kinds[0] += " at 0.99"
     shown = {kind: legend(text, kind) or {0} for kind in kinds}
     assert all(len(numbers) == 1 for numbers in shown.values())
     (yes,), (no,), (bad,), (worse,) = shown.values()
@@ -142,6 +141,57 @@ def test_the_report_shows_route_error_and_the_worst_windows(street):
         assert "correct: place" in figure
 
 
+@pytest.mark.parametrize(
+    ("flags", "kind", "accepted"),
+    [
+        ((), "smoothed", "accepted as at precision 0.99"),
+        (("--precision", 0.9), "smoothed", "accepted at precision 0.9"),
+        (("--no-smooth",), "live", "accepted as at precision 0.99"),
+        (("--no-smooth", "--delay", 2), "delayed", "accepted as at precision 0.99"),
+        (
+            ("--online", "--every", "window", "--precision", 0.5),
+            "live",
+            "accepted at precision 0.5",
+        ),
+        (("--matching", "sequence"), "", ""),
+    ],
+)
+def test_what_the_matches_are_and_which_precision_was_asked_is_said_first(
+    street, tmp_path, capsys, flags, kind, accepted
+):
+    capsys.readouterr()
+    run("match", street / "map.npz", street / "pair/query.npz", "-o", tmp_path / "m", *flags)
+    number = len(Matches.load(tmp_path / "m/matches.npz"))
+    first = f"{tmp_path}/m: {number:,} {kind} matches".replace("  ", " ")
+    printed = capsys.readouterr().out
+    assert printed.startswith(first)
+    printed += evaluated(street, tmp_path / "m").splitlines()[0]
+    assert printed.count(f"{kind} matches".strip()) >= 2
+    precision = accepted.rpartition(" ")[2]
+    verb = "would be" if " as " in accepted else "are"
+    assert printed.count(f" {verb} accepted at precision {precision}") == (2 if accepted else 0)
+    title = ", ".join(filter(None, [f"{kind} matches".strip().capitalize(), accepted]))
+    for name in ("route", "matches"):
+        assert f">{title}<" in (tmp_path / f"m/{name}.svg").read_text()
+
+
+def test_a_route_from_above_has_a_start_and_arrows_in_its_direction(street):
+    """Also where the first places have no position."""
+    result = MatchResult.load(street / "results")
+    position = result.reference.route.position.copy()
+    position[:3] = np.nan
+    route = replace(result.reference.route, position=position)
+    outcome = outcome_of(result.reference, result.matches)
+    (axes,) = figures.RouteView.of(result.reference, outcome, route).figure(outcome).axes
+    (start,) = (line for line in axes.lines if line.get_label() == "start")
+    assert start.get_xydata().tolist() == [position[3].tolist()]
+    arrows = [(text.xyann, text.xy) for text in axes.texts]
+    assert len(arrows) >= 3
+    for tail, head in arrows:
+        behind, ahead = (np.hypot(*(position[3:] - at).T).argmin() for at in (tail, head))
+        assert behind < ahead
+
+
 def test_the_worst_windows_of_live_matches_are_shown_too(street):
     """The last window that was complete before each of them."""
     folder = street / "online_windows"
@@ -189,12 +239,12 @@ def test_an_online_report_shows_correct_and_wrong_once_it_knows(street):
         "--online", "--every", "100ms")  # fmt: skip
     text = read(folder)[1]
     number = len(Matches.load(folder / "matches.npz"))
-    assert f"{number} windows were matched" in text
+    assert f"{number} live matches" in text
     assert not legend(text, "correct, not accepted")
     evaluated(street, folder)
     metrics, text = read(folder)
     correct = round(metrics["evaluation"]["precision_at_100_recall"] * number)
-    assert f"{correct} of {metrics['evaluation']['queries']} matches are correct" in text
+    assert f"{correct} of {metrics['evaluation']['queries']} live matches are correct" in text
     assert legend(text, "wrong, not accepted")
 
 
@@ -231,7 +281,10 @@ def test_when_all_are_wrong_or_all_correct_the_verdict_is_short(street):
     truth = np.zeros((len(reference), int(matches.query[-1]) + 1), dtype=np.bool_)
     truth[matches.place, matches.query] = True
     known = np.ones(truth.shape[1], dtype=np.bool_)
-    for correct, start in ((truth, f"{n} of {n} matches are correct; "), (~truth, f"0 of {n} ")):
+    for correct, start in (
+        (truth, f"{n} of {n} smoothed matches are correct; "),
+        (~truth, f"0 of {n} "),
+    ):
         right = GroundTruth(correct, known, "by hand")
         text = outcome_of(reference, matches, evaluate(matches, right)).sentence()
         assert text.startswith(start)

@@ -112,6 +112,7 @@ def run(args: argparse.Namespace) -> None:
     from edge_vpr.reference_map import OnlineMetrics, ReferenceMap
     from edge_vpr.warm_up import matching_steps
     from edge_vpr_tools.inputs import describe_faults, describe_removed, open_source, tracked
+    from edge_vpr_tools.report.verdict import outcome_of
 
     output = Path(args.output)
     inputs = list(filter(None, (args.map, args.recording, args.odometry)))
@@ -158,20 +159,18 @@ def run(args: argparse.Namespace) -> None:
         _warn_of_other_times(args.odometry, odometry, matches)
     with results.results_folder(output, args.overwrite) as folder:
         found.write(folder, inputs)
+        outcome = outcome_of(found.reference, matches)
         if not args.no_figures:
             from edge_vpr_tools.report.traverse import write_report
-            from edge_vpr_tools.report.verdict import outcome_of
 
-            write_report(folder, found, outcome_of(found.reference, matches), formats)
+            write_report(folder, found, outcome, formats)
     if args.json:
         print(results.json_text({} if metrics is None else metrics))
     removed = describe_removed(found.removed, asked.settings)
+    summary(f"{output}: {outcome.sentence()}")
     if isinstance(metrics, OnlineMetrics):
         duration_s = metrics.times_real_time * metrics.localising_s
-        summary(
-            f"{output}: {len(matches):,} matches of {metrics.events:,} events over "
-            f"{duration_s:.1f} s{removed}{faults}"
-        )
+        summary(f"{metrics.events:,} events over {duration_s:.1f} s{removed}{faults}")
         summary(
             f"localising took {metrics.localising_s:.2f} s, {metrics.times_real_time:,.0f} times "
             "real time"
@@ -179,10 +178,7 @@ def run(args: argparse.Namespace) -> None:
         _export_tracks(args.export, found.reference, matches, recording)
         return
     assert queries is not None and metrics is not None
-    summary(
-        f"{output}: {len(matches)} queries matched against {reference.places_text}, "
-        f"{reference.bytes_text}{removed}{faults}"
-    )
+    summary(f"{reference.places_text}, {reference.bytes_text}{removed}{faults}")
     _export_tracks(args.export, found.reference, matches, recording)
     if matrix is not None:
         asked = found.reference.matched_with(matches.settings)

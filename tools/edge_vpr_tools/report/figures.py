@@ -74,7 +74,7 @@ def _groups(outcome: Outcome) -> list[_Group]:
     taken = outcome.accepted
     # a transparent colour and not "none": Matplotlib draws marks much faster that have a colour
     ring = {"s": 22, "facecolors": "#ffffff00", "edgecolors": GREY, "linewidths": 1.0}
-    cross = {"s": 36, "marker": "X", "linewidths": 0}
+    cross = {"s": 55, "marker": "X", "linewidths": 0.7, "edgecolors": "white"}
     dot = {"s": 16, "color": BLUE, "linewidths": 0}
     if outcome.found is None:
         label = "match" if outcome.precision is None else "accepted"
@@ -85,13 +85,10 @@ def _groups(outcome: Outcome) -> list[_Group]:
         groups = [
             _Group(f"correct{accepted}", correct & taken, dot),
             _Group("correct, not accepted", correct & ~taken, ring),
-            _Group("wrong, not accepted", wrong & ~taken, {**cross, "color": GREY}),
+            _Group("wrong, not accepted", wrong & ~taken, {**cross, "color": BLACK}),
             _Group(f"wrong{accepted}", wrong & taken, {**cross, "color": RED}),
         ]
-    some = [group for group in groups if group.of.any()]
-    if outcome.precision is not None:  # said once, so that a legend stays short
-        some[0] = some[0]._replace(label=f"{some[0].label} at {outcome.precision:g}")
-    return some
+    return [group for group in groups if group.of.any()]
 
 
 def draw_outcomes(axes: Axes, x: Floats, y: Floats, outcome: Outcome) -> None:
@@ -163,6 +160,7 @@ class RouteView:
         route = self.route.metres(self.route.position)[:, :2]
         shown = self.route.metres(self.at)[:, :2]
         axes.plot(*route.T, color=GREY, lw=1.2, alpha=0.7, zorder=1, label="route of the map")
+        _draw_direction(axes, route[np.isfinite(route).all(axis=1)])
         matched = route[outcome.matches.place]
         for of, colour in ((outcome.wrong & ~outcome.accepted, GREY),
                            (outcome.wrong & outcome.accepted, RED)):  # fmt: skip
@@ -191,11 +189,28 @@ class RouteView:
     def figure(self, outcome: Outcome) -> Figure:
         """Return the view as a figure of its own."""
         above = self.route is not None
-        with figure(WIDTH, self.height(outcome, WIDTH) + 0.5 * above) as (drawing, axes):
+        with figure(WIDTH, self.height(outcome, WIDTH) + 0.8 * above) as (drawing, axes):
             self.draw(axes, outcome)
+            axes.set_title(outcome.title)
             if above:
                 legend_below(drawing, [axes], 2, fontsize=10)
         return drawing
+
+
+#: arrows along a route
+_ARROWS = 5
+
+
+def _draw_direction(axes: Axes, route: Floats) -> None:
+    """Draw where a route starts, and arrows in the direction in which it was mapped."""
+    axes.plot(*route[0], "o", color=BLACK, mfc="none", mew=1.8, ms=16, zorder=4, label="start")
+    along = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(route, axis=0).T))])
+    for metres in np.linspace(0.0, along[-1], 2 * _ARROWS + 1)[1::2]:
+        tail, head = np.searchsorted(along, [metres, metres + along[-1] / 200])
+        axes.annotate(
+            "", route[min(head, len(route) - 1)], route[tail], zorder=4,
+            arrowprops={"arrowstyle": "-|>,head_length=0.7,head_width=0.35", "color": BLACK},
+        )  # fmt: skip
 
 
 def _draw_along(axes: Axes, outcome: Outcome, at: Floats, label: str) -> None:
@@ -251,10 +266,11 @@ def over_time(outcome: Outcome, place: Floats | None = None, label: str = "") ->
         number.
     """
     rated = has_probability(outcome)
-    with panels(1 + rated, 1, WIDTH, 4.0 + 2.0 * rated, sharex=True) as (drawing, rows):
+    with panels(1 + rated, 1, WIDTH, 4.3 + 2.0 * rated, sharex=True) as (drawing, rows):
         draw_errors(rows[0, 0], outcome, place, label)
         if rated:
             draw_probability(rows[1, 0], outcome)
+        rows[0, 0].set_title(outcome.title)
         rows[-1, 0].set(xlabel=TIME)
         legend_below(drawing, [rows[0, 0]], 2, fontsize=10)
     return drawing

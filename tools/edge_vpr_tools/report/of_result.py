@@ -61,18 +61,19 @@ def plot(
             _, grid = pyplot.subplots(
                 len(panels), 1, figsize=size, height_ratios=heights, squeeze=False
             )
-            return _drawn(panels, list(grid[:, 0]), view is not None)
+            return _drawn(panels, list(grid[:, 0]), view is not None, outcome.title)
     given = list(np.ravel(np.asarray(axes, dtype=object)))
     if not given or not all(isinstance(each, Axes) for each in given):
         raise UsageError("axes= is no Matplotlib axes: give one or more, as of pyplot.subplots(3)")
-    return _drawn(panels, given, view is not None)
+    return _drawn(panels, given, view is not None, outcome.title)
 
 
 def _drawn(
-    panels: Sequence[Callable[[Axes], None]], axes: list[Axes], first_is_route: bool
+    panels: Sequence[Callable[[Axes], None]], axes: list[Axes], first_is_route: bool, title: str
 ) -> npt.NDArray[Any]:
-    """Draw as many panels as there are axes, with one legend."""
+    """Draw as many panels as there are axes, with one title and legend."""
     used = axes[: len(panels)]
+    used[0].set_title(title)
     for number, (draw, on) in enumerate(zip(panels, used, strict=False)):
         draw(on)
         if number or not first_is_route:

@@ -140,15 +140,13 @@ def _add_outcome(
     route: Route | None,
 ) -> None:
     """Draw where and when matches are correct, wrong or not accepted."""
-    level = outcome.precision
-    accepted = "" if level is None else f" Accepted: at precision {level:g}."
     view = RouteView.of(reference, outcome, route)
     if view is not None:
-        add("route", view.figure(outcome), view.caption + accepted)
+        add("route", view.figure(outcome), view.caption)
     scale = along_route(reference, route)
     upper = "How far each match is from the true place" if outcome.truth else "The place"
     add("matches", over_time(outcome, scale.values[outcome.matches.place], scale.label),
-         f"{upper}, and how probable it is to be correct.{accepted}")  # fmt: skip
+         f"{upper}, and how probable it is to be correct.")  # fmt: skip
 
 
 def _add_wrong_windows(

@@ -40,6 +40,25 @@ class Outcome:
         return None if self.found is None else self.found.truth
 
     @property
+    def kind(self) -> str:
+        """What the matches are, such as ``live matches``; sequences are neither."""
+        settings = self.matches.settings
+        if settings.matching != "filter":
+            return "matches"
+        late = "delayed" if settings.match_delay else "live"
+        return f"{'smoothed' if settings.smooth else late} matches"
+
+    @property
+    def title(self) -> str:
+        """What a figure shows: what the matches are, and at which precision they are accepted."""
+        kind = self.kind.capitalize()
+        if self.precision is None:
+            return kind
+        if self.matches.settings.precision is None:
+            return f"{kind}, accepted as at precision {self.precision:g}"
+        return f"{kind}, accepted at precision {self.precision:g}"
+
+    @property
     def time_s(self) -> npt.NDArray[np.float64]:
         """Time of each match, shape (n,)."""
         return np.asarray(self.matches.time_us / 1e6)
@@ -78,9 +97,9 @@ class Outcome:
     def _parts(self) -> list[str]:
         n = len(self.matches)
         if self.found is None:
-            return [f"{n:,} windows were matched", self._accepted_before_evaluation()]
+            return [f"{n:,} {self.kind}", self._accepted_before_evaluation()]
         n, correct = self.found.queries, int(np.count_nonzero(self.correct))
-        parts = [f"{correct:,} of {n:,} matches {'is' if n == 1 else 'are'} correct"]
+        parts = [f"{correct:,} of {n:,} {self.kind} {'is' if n == 1 else 'are'} correct"]
         if correct < n:
             parts.append(self._where_wrong())
         unknown = self.found.queries_unknown
@@ -111,7 +130,7 @@ class Outcome:
         share = percent(int(np.count_nonzero(self.accepted)), len(self.matches))
         if self.matches.settings.precision is None:
             return f"{share} of them would be accepted at precision {self.precision:g}"
-        return f"{share} of them are accepted at {self.precision:g}"
+        return f"{share} of them are accepted at precision {self.precision:g}"
 
     def _accepted(self) -> str:
         if self.precision is None or self.found is None:
@@ -123,7 +142,7 @@ class Outcome:
         )
         asked = self.matches.settings.precision is not None
         text = f"{percent(accepted, self.found.queries)} {'are' if asked else 'would be'} accepted "
-        text += f"at {self.precision:g}" if asked else f"at precision {self.precision:g}"
+        text += f"at precision {self.precision:g}"
         if not accepted:
             return text.replace("0 %", "none", 1)
         if correct == accepted:
