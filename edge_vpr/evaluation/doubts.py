@@ -12,11 +12,11 @@ import numpy.typing as npt
 
 from edge_vpr.evaluation.tracks import (
     SHORT_GAP_US,
+    USUAL_GAPS,
     Bools,
     Floats,
     Track,
     distances,
-    interpolate,
     unit_doubts,
 )
 from edge_vpr.route import Kind
@@ -140,11 +140,67 @@ def _covers(log: str, track: Track, times_us: npt.NDArray[Any]) -> str:
 
 def track_notes(track: Track) -> tuple[str, ...]:
     """Return notes on a log alone: what its file says, and whether much of it was left out."""
-    found = tuple(dict.fromkeys([*track.notes, *unit_doubts(track)]))  # of a file, it has them
+    # of a file, it has those on units
+    found = tuple(
+        dict.fromkeys([*track.notes, *unit_doubts(track), *_two_receivers(track), *_jumps(track)])
+    )
     total = sum(track.dropped.values())
     if total * 10 > track.entries or any(why in track.dropped for why in _SERIOUS):
         return (*found, track.describe_dropped())
     return found
+
+
+#: Two receivers on one vehicle, or before and after a jump, are at least so far apart. Chosen by
+#: judgement: fixes of one receiver, each 1 s, are rarely as far from the line of their neighbours.
+_APART_M = 10.0
+#: Reasons are found in logs of at least so many points.
+_FEWEST = 8
+
+
+def _off_line(track: Track, k: int) -> Floats:
+    """Return how far each point is from the line between the k-th before and after it, in metres.
+
+    Of points in time, so that a steady drive is 0; shape (n - 2 k,).
+    """
+    time_us, points = track.time_us, track.continuous
+    before, after = slice(None, -2 * k), slice(2 * k, None)
+    weight = (time_us[k:-k] - time_us[before]) / (time_us[after] - time_us[before])
+    line = points[before] + weight[:, None] * (points[after] - points[before])
+    return distances(track.kind, line, points[k:-k])
+
+
+def _two_receivers(track: Track) -> Iterator[str]:
+    """Yield a note if the points lie on two tracks in turn, as of two receivers in one log."""
+    if track.time_us.size < _FEWEST:
+        return
+    apart_m, same_m = (float(np.median(_off_line(track, k))) for k in (1, 2))
+    if apart_m > max(_APART_M, 3 * same_m):
+        yield (
+            f"its positions change between two tracks {apart_m:.0f} m apart, as of two receivers: "
+            "keep those of one"
+        )
+
+
+def _jumps(track: Track) -> Iterator[str]:
+    """Yield a note if a position jumps and stays there, as where an odometer closes a loop."""
+    if track.time_us.size < _FEWEST:
+        return
+    seconds = np.diff(track.time_us) / 1e6
+    step = distances(track.kind, track.position[1:], track.position[:-1])
+    speed = np.pad(step / seconds, 2, mode="edge")
+    around = np.maximum.reduce([speed[:-4], speed[1:-3], speed[3:-1], speed[4:]])
+    around[[0, -1]] = np.inf  # with neighbours on one side alone
+    least_m = max(_APART_M, 10 * float(np.median(_off_line(track, 1))))
+    jump_m = np.where(track.bridged, step - around * seconds, 0.0)
+    jumps = np.flatnonzero(jump_m > least_m)
+    if jumps.size:
+        worst = jumps[np.argmax(jump_m[jumps])]
+        others = f" and {jumps.size - 1} times more" if jumps.size > 1 else ""
+        yield (
+            f"its position jumps by {step[worst]:.0f} m at {track.time_us[worst + 1] / 1e6:.0f} s"
+            f"{others}: positions before and after are of two frames, as where an odometer closes "
+            "a loop; give corrected poses"
+        )
 
 
 def _against_tolerance(
@@ -202,7 +258,7 @@ def two_frames_note(reference: Track, query: Track, shared: Overlap) -> tuple[st
 
 
 def beyond_drive_notes(pairs: Floats, queries: Floats, places: Floats) -> tuple[str, ...]:
-    """Return notes on an alignment of which many moments lie beyond the end of a drive.
+    """Return a note on an alignment of which many moments lie beyond the end of a drive.
 
     Parameters
     ----------
@@ -211,14 +267,44 @@ def beyond_drive_notes(pairs: Floats, queries: Floats, places: Floats) -> tuple[
     queries, places : ndarray of float64
         Those of the windows.
     """
-    return tuple(
-        f"the alignment's moments in the {name} reach {moments.max():g}, and its windows "
-        f"{windows.max():g}: is the alignment of this drive, and the unit or frame_period= right?"
+    beyond = [
+        f"in the {name} reach {moments.max():g}, and its windows {windows.max():g}"
         for name, moments, windows in (
             ("query", pairs[:, 0], queries), ("reference", pairs[:, 1], places)
         )
         if LEAST_COMMON * moments.max() > windows.max()
-    )  # fmt: skip
+    ]  # fmt: skip
+    if not beyond:
+        return ()
+    return (
+        f"the alignment's moments {', '.join(beyond)}: is the alignment of this drive, and the "
+        "unit or frame_period= right?",
+    )
+
+
+def alignment_gap_notes(moments_s: Floats, queries_s: Floats) -> tuple[str, ...]:
+    """Return a note on windows in gaps of an alignment, where the truth is a straight line.
+
+    Parameters
+    ----------
+    moments_s, queries_s : ndarray of float64
+        Of the alignment's points in the query, and of the windows, in seconds.
+    """
+    gaps = np.diff(moments_s)
+    if not gaps.size:
+        return ()
+    long = gaps > max(SHORT_GAP_US / 1e6, USUAL_GAPS * float(np.median(gaps)))
+    after = np.searchsorted(moments_s, queries_s)
+    inside = (after > 0) & (after < moments_s.size)
+    within = int(long[after[inside] - 1].sum())
+    if not within:
+        return ()
+    at = int(np.argmax(gaps))
+    return (
+        f"the alignment has no point from {moments_s[at]:.0f} to {moments_s[at + 1]:.0f} s of the "
+        f"query, and {within:,} windows lie in such gaps, where it is interpolated: give points "
+        "there, or do not trust their judgement",
+    )
 
 
 def interpolation_error(track: Track) -> float:
@@ -233,15 +319,9 @@ def interpolation_error(track: Track) -> float:
     float
         0 of a track with points at most 5 s apart, as most are.
     """
-    time_us, n = track.time_us, track.time_us.size
-    if n < 4 or float(np.median(np.diff(time_us))) <= SHORT_GAP_US:
+    if track.time_us.size < 4 or float(np.median(np.diff(track.time_us))) <= SHORT_GAP_US:
         return 0.0
-    points, off = track.continuous, np.empty(n)
-    for odd in (0, 1):
-        given = np.arange(odd, n, 2)
-        found = interpolate(time_us, time_us[given], points[given])
-        off[1 - odd :: 2] = distances(track.kind, found[1 - odd :: 2], points[1 - odd :: 2])
-    return float(np.nanquantile(off[1:-1], 0.9)) / 3
+    return float(np.quantile(_off_line(track, 1), 0.9)) / 3
 
 
 # Positions of a GPS receiver that stopped updating while the camera moved.

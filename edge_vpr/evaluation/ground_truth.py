@@ -563,12 +563,14 @@ def from_alignment(
     _check_tolerance(tolerance)
     points = np.asarray(alignment.pairs, dtype=np.float64)
     _check_pairs(points)
-    queries = alignment.coordinate(_window_times(query_times_us, "query"), frame_period)
-    places = alignment.coordinate(_window_times(reference_times_us, "reference"), frame_period)
-    unit = spelt = "s"
+    period = None if frame_period is None else parse_period(frame_period)
+    queries = alignment.coordinate(_window_times(query_times_us, "query"), period)
+    places = alignment.coordinate(_window_times(reference_times_us, "reference"), period)
+    unit, spelt, frame_s = "s", "s", 1.0
     if alignment.unit == "frame":
-        assert frame_period is not None
-        unit, spelt = "frames", f"frames of {float(parse_period(frame_period)):.3g} s"
+        assert period is not None
+        frame_s = float(period)
+        unit, spelt = "frames", f"frames of {frame_s:.3g} s"
     expected = interpolate(queries, points[:, 0], points[:, 1:])[:, 0]
     known = ~np.isnan(expected)
     if not known.any():
@@ -584,6 +586,7 @@ def from_alignment(
         (
             *doubts.spacing_note(np.abs(np.diff(places)), tolerance, spelt),
             *doubts.beyond_drive_notes(points, queries, places),
+            *doubts.alignment_gap_notes(points[:, 0] * frame_s, queries * frame_s),
         ),
         positions=TruePositions(
             places[:, None],

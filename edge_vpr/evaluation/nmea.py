@@ -13,6 +13,7 @@ import numpy.typing as npt
 
 from edge_vpr.errors import GroundTruthError
 from edge_vpr.evaluation.fixes import Fixes
+from edge_vpr.evaluation.tracks import great_circle
 
 _DAY_US = 86_400_000_000
 _HOUR_US = 3_600_000_000
@@ -27,6 +28,10 @@ _LATE_US = 2_000_000
 #: Clocks are set back by at most the seconds between GPS time and UTC, which a receiver learns
 #: minutes after its first fix; by more, the log holds two drives.
 _LEAP_US = 60_000_000
+
+
+#: Two sentences of one receiver and one instant are never so far apart.
+_APART_M = 10.0
 
 
 def is_nmea(text: str) -> bool:
@@ -73,15 +78,15 @@ def read_nmea(text: str) -> Fixes:
         start = day + dt.timedelta(microseconds=of_day - after)
     rows = np.flatnonzero(kept & with_fix)
     rows = rows[np.argsort(time[rows], kind="stable")]
-    first: dict[int, str] = {}
-    once = []
+    first: dict[int, int] = {}  # the row of each instant
+    pairs = []  # rows of one instant, of two types
     for row in rows.tolist():
-        instant, kind = int(time[row]), timed[row].type
-        if instant not in first:
-            first[instant] = kind
-            once.append(row)
-        elif first[instant] == kind:
+        one = first.setdefault(int(time[row]), row)
+        if timed[one].type != timed[row].type:
+            pairs.append((one, row))
+        elif one != row:
             dropped["a time that another has"] += 1
+    once = list(first.values())
     notes = [
         f"the receiver's clock was set {'back' if step < 0 else 'on'} by {abs(step) / 1e6:,.0f} s: "
         "times before count on from the ones after"
@@ -89,6 +94,14 @@ def read_nmea(text: str) -> Fixes:
     ]
     if unchecked:
         notes.append(f"{unchecked:,} sentences have no checksum, so that damage is not noticed")
+    if pairs:
+        both = np.array([[timed[row].position for row in pair] for pair in pairs])
+        apart_m = float(np.median(great_circle(both[:, 0], both[:, 1])))
+        if apart_m > _APART_M:
+            notes.append(
+                f"sentences of one instant are {apart_m:.0f} m apart, as of two receivers: keep "
+                "those of one, such as of one talker"
+            )
     return Fixes(
         time[once] - zero,
         np.array([timed[row].position for row in once]),

@@ -514,7 +514,8 @@ def parse_period(given: Fraction | float | str) -> Fraction:
     Warns
     -----
     EdgeVprWarning
-        If a frame lasts more than a second: frames per second may be meant.
+        If a frame lasts more than a second: frames per second may be meant. An exact period, which
+        was parsed before, gives no warning.
     """
     period = Fraction(0)
     if isinstance(given, Fraction):
@@ -526,7 +527,7 @@ def parse_period(given: Fraction | float | str) -> Fraction:
         period = Fraction(given).limit_denominator(1_000_000)
     if not 0 < period < 1 << 31:
         raise UsageError(f"frame period {given!r} is no positive number: write for example 1/30")
-    if period > 1:
+    if period > 1 and not isinstance(given, Fraction):
         warnings.warn(
             f"frame_period={given}: a frame lasts {float(period):g} s; if there are so many frames "
             f"a second, give frame_period='{1 / period}'",

@@ -5,6 +5,7 @@ from __future__ import annotations
 import datetime as dt
 import math
 import tracemalloc
+from fractions import Fraction
 from pathlib import Path
 
 import naive
@@ -13,7 +14,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from edge_vpr.errors import GroundTruthError, UsageError
+from edge_vpr.errors import EdgeVprWarning, GroundTruthError, UsageError
 from edge_vpr.evaluation import ground_truth
 from edge_vpr.evaluation.ground_truth import (
     Alignment,
@@ -505,14 +506,43 @@ def test_the_wrong_unit_shows_in_the_error():
 
 def test_an_alignment_in_another_unit_than_its_header_says_is_doubted():
     alignment, seconds = Alignment([[0, 0], [60_000, 55_000]], "s"), np.arange(0.5, 60) * SECOND
-    assert [
-        note.partition(" reach")[0] for note in from_alignment(alignment, seconds, seconds, 2).notes
-    ] == [
-        "the alignment's moments in the query",
-        "the alignment's moments in the reference",
-    ]
+    assert from_alignment(alignment, seconds, seconds, 2).notes == (
+        "the alignment's moments in the query reach 60000, and its windows 59.5, in the reference "
+        "reach 55000, and its windows 59.5: is the alignment of this drive, and the unit or "
+        "frame_period= right?",
+    )
     in_seconds = Alignment(np.asarray(alignment.pairs) / 1000, "s")
     assert from_alignment(in_seconds, seconds, seconds, 2).notes == ()
+
+
+@pytest.mark.parametrize(("unit", "period"), [("s", 1), ("frame", Fraction(1, 10))])
+@pytest.mark.parametrize(("points", "windows"), [
+    ([0, 200], 0),  # the line is all that is said
+    (range(0, 200, 30), 0),  # sparse everywhere
+    ([*range(60), *range(64, 200)], 0),  # a gap of 5 s
+    ([*range(60), *range(90, 200)], 31),
+    ([*range(0, 60, 8), *range(140, 200, 8)], 84),
+])  # fmt: skip
+def test_windows_in_gaps_of_an_alignment_are_counted(points, windows, unit, period):
+    moments = np.array(points) / float(period)
+    centres = np.arange(0.5, 170) * SECOND
+    truth = from_alignment(
+        Alignment(np.column_stack([moments, moments]), unit), centres, centres, 5 / float(period),
+        frame_period=period,
+    )  # fmt: skip
+    said = [
+        note for note in truth.notes if f" s of the query, and {windows} windows lie in" in note
+    ]
+    assert (
+        len(said) == len([note for note in truth.notes if "no point from" in note]) == (windows > 0)
+    )
+
+
+def test_a_frame_of_many_seconds_is_doubted_once():
+    alignment, seconds = Alignment([[0, 0], [6, 6]], "frame"), np.arange(0.5, 60) * SECOND
+    with pytest.warns(EdgeVprWarning, match="a frame lasts 10 s") as caught:
+        from_alignment(alignment, seconds, seconds, 2, frame_period="10")
+    assert len(caught) == 1
 
 
 def test_speck_walks_has_truth_for_the_queries_that_its_alignment_covers(shared_data):

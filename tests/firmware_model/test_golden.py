@@ -18,6 +18,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from edge_vpr_tools.cli import main
+from edge_vpr_tools.golden_vectors import cases_within
 from streams import random_events
 
 from edge_vpr.events import Sensor
@@ -36,10 +37,12 @@ from firmware_model.vectors import (
     check_files,
     corner_cases,
     coverage,
+    estimated_bytes,
     formats,
     from_binary,
     load_manifest,
     read_results,
+    smallest_cases,
     standard_suites,
     to_binary,
     verify,
@@ -628,14 +631,14 @@ def test_a_recording_of_another_camera_is_an_error(sensor, tmp_path, capsys):
 
 
 def test_vectors_have_a_size_of_choice(tmp_path, capsys):
-    """The cases with most events are left out, which is said; a README says how to check."""
+    """How many cases are left out is said; a README says how to check."""
     DESIGN.save(tmp_path / "design.toml")
     golden = ["golden", "--design", str(tmp_path / "design.toml"), "--suite", "corners"]
     assert main([*golden, "-o", str(tmp_path / "v"), "--vectors", "1MB"]) == 0
     out, err = capsys.readouterr()
     assert "v/corners: " in out
     left_out, whole = re.search(
-        r"leaves out .*: (\d+) of corners; --vectors (\w+) keeps", err
+        r"leaves cases out: (\d+) of \d+ of corners; --vectors (\w+) keeps", err
     ).groups()
     assert "no case that is left reaches these corners: " in err
     size = sum(p.stat().st_size for p in (tmp_path / "v").rglob("*") if p.is_file())
@@ -646,12 +649,26 @@ def test_vectors_have_a_size_of_choice(tmp_path, capsys):
     assert main([*golden, "-o", str(tmp_path / "v"), "--overwrite", "--vectors", whole]) == 0
     every = standard_suites(DESIGN, 0, "corners")["corners"]
     assert f"v/corners: {len(every)} cases" in capsys.readouterr().out
-    assert f"v/corners: {len(every) - int(left_out)} cases" in out
+    assert f"v/corners: {len(every) - int(left_out)} of {len(every)} cases" in out
     # every case is announced, for the progress
     told = []
     cases = {"corners": every[:3]}
     write_suites(tmp_path / "w", DESIGN, cases, 0, on_case=told.append)
     assert [text.split(":")[0] for text in told] == [f"case {n} of 3" for n in (1, 2, 3)]
+
+
+@pytest.mark.parametrize("most", [5e5, 2e6])
+def test_cases_of_a_size_reach_more_corners_than_the_smallest_ones(most):
+    suites = standard_suites(DESIGN, 0)
+    sizes, corners = [], []
+    for choose in (smallest_cases, cases_within):
+        chosen = choose(suites, most)
+        sizes.append(sum(estimated_bytes(case) for cases in chosen.values() for case in cases))
+        reached = [coverage(case) for case in chosen["corners"]]
+        corners.append(sum(any(of.get(corner) for of in reached) for corner in CORNERS))
+    assert max(sizes) <= most
+    assert corners[1] > corners[0]
+    assert cases_within(suites, np.inf) == suites
 
 
 def test_results_as_json_lines_are_refused_by_name(vectors, tmp_path, capsys):

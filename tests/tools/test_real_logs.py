@@ -6,6 +6,7 @@ Each trouble is written into the logs of two simulated drives, and evaluated as 
 from __future__ import annotations
 
 import datetime as dt
+import re
 from functools import partial
 
 import numpy as np
@@ -203,6 +204,43 @@ def test_a_position_frozen_for_a_while_judges_nothing(drives, judge, which, firs
     correct, queries, said = judge([nmea(rows) for rows in logs], "nmea")
     assert correct == queries < 52
     assert "frozen" in said
+
+
+@pytest.mark.parametrize("suffix", FORMATS)
+def test_fixes_of_two_receivers_in_turn_are_named(drives, judge, suffix):
+    logs = [[(t, x + 55 * (t % 2)) for t, x in rows] for rows in drives[1]]
+    _, _, said = judge([FORMATS[suffix](rows) for rows in logs], suffix, tolerance=30.0)
+    for name in ("reference", "query"):
+        assert f"{name} log: its positions change between two tracks 55 m apart, as of two" in said
+
+
+def test_sentences_of_two_receivers_at_one_instant_are_named(drives, judge):
+    texts = [
+        "".join(nmea([(t, x)]) + nmea([(t, x + 55)], kind="GGA") for t, x in rows)
+        for rows in drives[1]
+    ]
+    correct, queries, said = judge(texts, "nmea")
+    assert correct == queries >= 55  # by those that come first
+    assert said.count("sentences of one instant are 55 m apart, as of two receivers") == 2
+
+
+@pytest.mark.parametrize("suffix", FORMATS)
+@pytest.mark.parametrize("jump", [-15.0, 15.0])
+def test_a_jump_after_which_positions_stay_is_named_with_its_time(drives, judge, suffix, jump):
+    logs = [[(t, x + jump * (t >= 30)) for t, x in rows] for rows in drives[1]]
+    _, _, said = judge([FORMATS[suffix](rows) for rows in logs], suffix, tolerance=30.0)
+    assert len(re.findall(r"its position jumps by \d+ m at 30 s: positions before", said)) == 2
+
+
+@pytest.mark.parametrize("suffix", FORMATS)
+def test_noise_and_stops_are_neither_jumps_nor_two_receivers(drives, judge, suffix):
+    rng = np.random.default_rng(3)
+    noisy = [[(t, x + float(rng.normal(0, 4))) for t, x in rows] for rows in drives[1]]
+    _, _, said = judge([FORMATS[suffix](rows) for rows in noisy], suffix, tolerance=30.0)
+    assert said == ""
+    stops = [[(t, x * (t < 20) + rows[20][1] * (t >= 20)) for t, x in rows] for rows in drives[1]]
+    _, _, said = judge([FORMATS[suffix](rows) for rows in stops], suffix, tolerance=30.0)
+    assert "jumps" not in said and "receivers" not in said
 
 
 # A truth that every match passes, or no match can.

@@ -84,7 +84,7 @@ class TruthFiles:
         GroundTruthError
             If a file is wrong.
         """
-        files, offset_s, period = self.files, self.offset_s, self.frame_period
+        files, offset_s = self.files, self.offset_s
         if len(files) > 2:
             raise UsageError(f"{len(files)} ground-truth files: give two tracks, or one other file")
         if offset_s is not None and len(files) != 2:
@@ -110,6 +110,7 @@ class TruthFiles:
                 f"{files[0]} is one track: give two, the reference's and then the query's"
             )
         alignment = load_alignment(files[0])
+        period = None if self.frame_period is None else parse_period(self.frame_period)
         if alignment.unit == "frame":
             if period is None:
                 raise UsageError(
@@ -117,7 +118,7 @@ class TruthFiles:
                     "example --frame-period 1/30"
                 )
             if self.in_seconds:
-                pairs = np.asarray(alignment.pairs) * float(parse_period(period))
+                pairs = np.asarray(alignment.pairs) * float(period)
                 alignment = Alignment(pairs, "s")
         return from_alignment(alignment, places_us, queries_us, self.tolerance, frame_period=period)
 

@@ -46,8 +46,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )  # fmt: skip
     vectors.add_argument(
         "--vectors", metavar="SIZE", default="all",
-        help="leave out the cases with most events, so that the folder has about this size, such "
-        "as 20MB",
+        help="leave cases out, so that the folder has about this size, such as 20MB; the others "
+        "reach as many corners as possible",
     )  # fmt: skip
     vectors.add_argument(
         "--suite",
@@ -73,12 +73,13 @@ def run(args: argparse.Namespace) -> None:
     from edge_vpr_tools.golden_vectors import (
         aimed_corners,
         case_size,
+        cases_within,
         check_vectors_folder,
         recorded_case,
         vectors_size,
     )
     from firmware_model import Design
-    from firmware_model.vectors import estimated_bytes, smallest_cases, write_suites
+    from firmware_model.vectors import estimated_bytes, write_suites
 
     if (args.design is None) == (args.map is None):
         raise UsageError("golden needs either --design or --map: give one of them")
@@ -106,7 +107,8 @@ def run(args: argparse.Namespace) -> None:
     with replacing_folder(output, args.overwrite) as folder, status("cases") as show_case:
         suites = _suites(args, design, recorded)
         made = {name: cases for name, cases in suites.items() if name != "recording"}
-        chosen = smallest_cases(made, vectors_size(args.vectors))
+        show_case("which cases to keep")
+        chosen = cases_within(made, vectors_size(args.vectors))
         if "recording" in suites:
             chosen["recording"] = suites["recording"]
         manifest = write_suites(folder, design, chosen, args.seed, rtl=args.rtl, on_case=show_case)
@@ -116,12 +118,11 @@ def run(args: argparse.Namespace) -> None:
     }  # fmt: skip
     if left_out:
         each = ", ".join(
-            f"{number} of {name}" + " (all)" * (name not in chosen)
-            for name, number in left_out.items()
+            f"{number} of {len(made[name])} of {name}" for name, number in left_out.items()
         )
         size = sum(estimated_bytes(case) for cases in made.values() for case in cases)
         note(
-            f"--vectors {args.vectors} leaves out the cases with most events: {each}; "
+            f"--vectors {args.vectors} leaves cases out: {each}; "
             f"--vectors {math.ceil(size / 1e6)}MB keeps all"
         )
     windows = next(
@@ -144,9 +145,11 @@ def run(args: argparse.Namespace) -> None:
         )
         aimed = aimed_corners(suite)
         reached = f", {sum(map(bool, aimed.values()))} of its {len(aimed)} corners" if aimed else ""
-        held = ((len(suite.cases), "case"), (events, "event"), (windows, "window"))
+        of = f"{len(suite.cases)} of " if left_out.get(suite.name) else ""
+        every = len(made.get(suite.name, suite.cases))
+        held = ((every, "case"), (events, "event"), (windows, "window"))
         numbers = [number_of(*one) for one in (*held, (matches, "match"))]
-        summary(f"{Path(args.output) / suite.name}: {', '.join(numbers)}{reached}")
+        summary(f"{Path(args.output) / suite.name}: {of}{', '.join(numbers)}{reached}")
 
 
 def _suites(

@@ -206,7 +206,8 @@ def _draw_direction(axes: Axes, route: Floats) -> None:
     axes.plot(*route[0], "o", color=BLACK, mfc="none", mew=1.8, ms=16, zorder=4, label="start")
     along = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(route, axis=0).T))])
     for metres in np.linspace(0.0, along[-1], 2 * _ARROWS + 1)[1::2]:
-        tail, head = np.searchsorted(along, [metres, metres + along[-1] / 200])
+        tail = int(np.searchsorted(along, metres))
+        head = np.searchsorted(along, along[tail] + along[-1] / 200, side="right")
         axes.annotate(
             "", route[min(head, len(route) - 1)], route[tail], zorder=4,
             arrowprops={"arrowstyle": "-|>,head_length=0.7,head_width=0.35", "color": BLACK},

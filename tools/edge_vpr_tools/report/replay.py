@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -18,7 +19,7 @@ from PIL import Image
 
 from edge_vpr.descriptors.counting import EventSource, WindowSource
 from edge_vpr.descriptors.windows import Descriptors
-from edge_vpr.errors import UsageError
+from edge_vpr.errors import EdgeVprWarning, UsageError
 from edge_vpr.evaluation.ground_truth import TruePositions
 from edge_vpr.files import replacing
 from edge_vpr.map_record import describe_query
@@ -318,7 +319,9 @@ def replay_of(
         if result.queries is None:  # of a drive that was matched online, each match is a query
             judged = replace(judged, query=np.arange(len(judged), dtype=np.int64))
         some = replace(result, matches=judged)
-        found = some.evaluate(truth_of(some, truth))
+        with warnings.catch_warnings():  # the evaluation has given them
+            warnings.simplefilter("ignore", EdgeVprWarning)
+            found = some.evaluate(truth_of(some, truth))
         positions, route = found.truth.positions, reference.route
         panel = ("metric", 1) if route is None else (route.kind, route.position.shape[1])
         if positions is not None and (positions.kind, positions.query.shape[1]) == panel:
