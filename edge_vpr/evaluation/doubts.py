@@ -153,6 +153,8 @@ def track_notes(track: Track) -> tuple[str, ...]:
 #: Two receivers on one vehicle, or before and after a jump, are at least so far apart. Chosen by
 #: judgement: fixes of one receiver, each 1 s, are rarely as far from the line of their neighbours.
 _APART_M = 10.0
+#: In a longer step, a vehicle can brake or turn by as much.
+_STEP_OF_JUMP_S = 1.5
 #: Reasons are found in logs of at least so many points.
 _FEWEST = 8
 
@@ -182,24 +184,29 @@ def _two_receivers(track: Track) -> Iterator[str]:
 
 
 def _jumps(track: Track) -> Iterator[str]:
-    """Yield a note if a position jumps and stays there, as where an odometer closes a loop."""
+    """Yield a note if a position jumps and stays there, as where an odometer closes a loop.
+
+    Each step is compared with what the two steps before and after it say of the velocity.
+    """
     if track.time_us.size < _FEWEST:
         return
-    seconds = np.diff(track.time_us) / 1e6
-    step = distances(track.kind, track.position[1:], track.position[:-1])
-    speed = np.pad(step / seconds, 2, mode="edge")
-    around = np.maximum.reduce([speed[:-4], speed[1:-3], speed[3:-1], speed[4:]])
-    around[[0, -1]] = np.inf  # with neighbours on one side alone
-    least_m = max(_APART_M, 10 * float(np.median(_off_line(track, 1))))
-    jump_m = np.where(track.bridged, step - around * seconds, 0.0)
-    jumps = np.flatnonzero(jump_m > least_m)
-    if jumps.size:
-        worst = jumps[np.argmax(jump_m[jumps])]
-        others = f" and {jumps.size - 1} times more" if jumps.size > 1 else ""
+    points, seconds = track.continuous, np.diff(track.time_us)[:, None] / 1e6
+    velocity = np.pad(np.diff(points, axis=0) / seconds, ((2, 2), (0, 0)), mode="edge")
+    off_m = np.minimum.reduce([
+        distances(track.kind, points[:-1] + velocity[k : k + len(seconds)] * seconds, points[1:])
+        for k in (0, 1, 3, 4)
+    ])  # fmt: skip
+    large = off_m > max(_APART_M, 10 * float(np.median(_off_line(track, 1))))
+    # a single wrong position makes two large steps
+    jumps = large & ~np.roll(large, 1) & ~np.roll(large, -1) & (seconds[:, 0] <= _STEP_OF_JUMP_S)
+    if jumps.any():
+        worst = int(np.argmax(np.where(jumps, off_m, 0.0)))
+        number = int(jumps.sum())
         yield (
-            f"its position jumps by {step[worst]:.0f} m at {track.time_us[worst + 1] / 1e6:.0f} s"
-            f"{others}: positions before and after are of two frames, as where an odometer closes "
-            "a loop; give corrected poses"
+            f"its position jumps by {off_m[worst]:.0f} m at {track.time_us[worst + 1] / 1e6:.0f} s"
+            + (f" and {number - 1} times more" if number > 1 else "")
+            + ": positions before and after are of two frames, as where an odometer closes a loop; "
+            "give corrected poses"
         )
 
 

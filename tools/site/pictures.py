@@ -189,7 +189,7 @@ def screenshot(page: Path, path: Path) -> None:
     with tempfile.TemporaryDirectory() as profile:
         subprocess.run(
             [browser, "--headless", "--no-sandbox", "--disable-gpu", "--hide-scrollbars",
-             "--window-size=760,1290", f"--user-data-dir={profile}", f"--screenshot={path}",
+             "--window-size=760,1310", f"--user-data-dir={profile}", f"--screenshot={path}",
              page.absolute().as_uri()],
             check=True, stderr=subprocess.DEVNULL,
         )  # fmt: skip

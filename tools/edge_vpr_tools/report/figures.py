@@ -181,7 +181,7 @@ class RouteView:
     def height(self, outcome: Outcome, width: float) -> float:
         """Return a height in inches for axes of a width."""
         if self.route is None:
-            return 0.8 + 0.36 * len(_groups(outcome))
+            return 1.1 + 0.32 * len(_groups(outcome))
         route = self.route.metres(self.route.position)[:, :2]
         across, along = np.ptp(route[np.isfinite(route).all(axis=1)], axis=0)
         return float(np.clip(width * along / max(across, 1e-9), 2.2, 5.5)) + 0.7
@@ -189,9 +189,9 @@ class RouteView:
     def figure(self, outcome: Outcome) -> Figure:
         """Return the view as a figure of its own."""
         above = self.route is not None
-        with figure(WIDTH, self.height(outcome, WIDTH) + 0.8 * above) as (drawing, axes):
+        with figure(WIDTH, self.height(outcome, WIDTH) + 0.7 * above) as (drawing, axes):
             self.draw(axes, outcome)
-            axes.set_title(outcome.title)
+            drawing.suptitle(outcome.title, fontsize=12)
             if above:
                 legend_below(drawing, [axes], 2, fontsize=10)
         return drawing
@@ -271,7 +271,7 @@ def over_time(outcome: Outcome, place: Floats | None = None, label: str = "") ->
         draw_errors(rows[0, 0], outcome, place, label)
         if rated:
             draw_probability(rows[1, 0], outcome)
-        rows[0, 0].set_title(outcome.title)
+        drawing.suptitle(outcome.title, fontsize=12)
         rows[-1, 0].set(xlabel=TIME)
         legend_below(drawing, [rows[0, 0]], 2, fontsize=10)
     return drawing
