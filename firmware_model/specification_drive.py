@@ -26,6 +26,7 @@ from firmware_model.specification import (
     transitions_by_steps,
     weight_of,
 )
+from fixedpoint.activity import EVENTS_TOP
 
 Rows = Sequence[Sequence[int]]
 
@@ -151,6 +152,13 @@ def confidence_of(trust: int, misfit: int) -> int:
 
 
 # A drive.
+
+
+def possible_starts(counted: Sequence[int], mean_activity: int) -> tuple[int, ...]:
+    """Return where the mean activity of a smoothed drive may start; first as the reference's."""
+    own = min(256 * sum(counted) // len(counted), 256 * EVENTS_TOP)
+    far = 2 * own <= mean_activity or own >= 2 * mean_activity
+    return (mean_activity, own) if far else (mean_activity,)
 
 
 class Drive:
@@ -308,3 +316,8 @@ class Drive:
             nearer = min(max(8 * advantage // share, -23), 23) if share else 0
             found.append(against - nearer if scale else None)
         return found
+
+
+def likelier(starts: Sequence[Drive]) -> Drive:
+    """Return the drive whose smoothed matches have the most trust; the first of equal ones."""
+    return max(starts, key=lambda drive: sum(match.trust for match in drive.smoothed()))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from edge_vpr.matching.prediction import TransitionCosts
 from edge_vpr.reference_map import ReferenceMap
@@ -21,7 +21,7 @@ from firmware_model.specification import (
     own_mean_code,
     window_mean,
 )
-from firmware_model.specification_drive import Drive, DriveMatch
+from firmware_model.specification_drive import Drive, DriveMatch, likelier, possible_starts
 from fixedpoint.activity import COSTS_BY_ACTIVITY, EVENTS_TOP
 from fixedpoint.own_mean import FULL_SCALE
 
@@ -133,8 +133,14 @@ def smoothed(
     reference: ReferenceMap, coded: Rows, events: list[int]
 ) -> list[tuple[int, int, int, int, int]]:
     """The same of each window by those before and after it: by all, or by as many as a delay."""
-    drive, delay = drive_of(reference, coded, events), reference.settings.match_delay
-    return list(map(row_of_match, drive.delayed(delay) if delay else drive.smoothed()))
+    begin, delay = begin_of(reference), reference.settings.match_delay
+    if delay:
+        return list(map(row_of_match, drive_of(reference, coded, events, begin).delayed(delay)))
+    drives = [
+        drive_of(reference, coded, events, replace(begin, mean_activity=start))
+        for start in possible_starts(events, begin.mean_activity)
+    ]
+    return list(map(row_of_match, likelier(drives).smoothed()))
 
 
 def row_of_match(match: DriveMatch) -> tuple[int, int, int, int, int]:

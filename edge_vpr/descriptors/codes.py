@@ -12,7 +12,7 @@ from dataclasses import replace
 import numpy as np
 import numpy.typing as npt
 
-from edge_vpr.descriptors.windows import Descriptors, find_pauses
+from edge_vpr.descriptors.windows import Descriptors, find_pauses, possible_starts
 from edge_vpr.errors import MapError
 from edge_vpr.settings import Settings
 from fixedpoint.codes import PixelCodes
@@ -72,7 +72,8 @@ def drive_mean(
     ndarray of int32, shape (J,)
         In units of 1/256 octave.
     """
-    paused = find_pauses(windows.selected_events, mean_activity)
+    events = windows.selected_events
+    paused = find_pauses(events, possible_starts(events, mean_activity)[-1])
     moving = windows.counts if paused.all() else windows.counts[~paused]
     return code.mean(moving)
 

@@ -356,6 +356,28 @@ def activity_of_drive(events: npt.NDArray[np.integer]) -> int:
     )
 
 
+def possible_starts(events: npt.NDArray[np.integer], mean_activity: int) -> tuple[int, ...]:
+    """Return where the mean number of events of a recorded drive may start.
+
+    Other light or another camera shows fewer or more events than the reference at the same speed.
+
+    Parameters
+    ----------
+    events : ndarray of int, shape (n,)
+        At the selected pixels in each window of the drive; n of at least 1.
+    mean_activity : int
+        Of the reference, see `activity_of_drive`.
+
+    Returns
+    -------
+    tuple of int
+        The mean of the reference, then that of the drive if it is at most half or at least twice.
+    """
+    own = activity_of_drive(events)
+    far = 2 * own <= mean_activity or own >= 2 * mean_activity
+    return (mean_activity, own) if far else (mean_activity,)
+
+
 def find_pauses(events: npt.NDArray[np.integer], mean_activity: int) -> npt.NDArray[np.bool_]:
     """Return which windows of a drive are pauses, by the running mean of those before each.
 

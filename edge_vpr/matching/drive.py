@@ -13,13 +13,13 @@ import numpy as np
 import numpy.typing as npt
 
 from edge_vpr.confidence import Acceptance, Confidence
-from edge_vpr.descriptors.windows import Descriptors
+from edge_vpr.descriptors.windows import Descriptors, possible_starts
 from edge_vpr.errors import MapError, UsageError, expect
 from edge_vpr.map_record import MapRecord
 from edge_vpr.matching.distances import BLOCK_DISTANCES, ReferenceIndex
 from edge_vpr.matching.filter_match import MISFIT, PLACE, TRUST, FilterMatch
 from edge_vpr.matching.matches import CANDIDATES, Matches
-from edge_vpr.matching.place_filter import PlaceFilter, WindowRows
+from edge_vpr.matching.place_filter import NUMBER_NAMES, PlaceFilter, WindowRows
 from edge_vpr.matching.prediction import Metrics, Travelled, check_no_transitions
 from edge_vpr.matching.search import nearest_places
 from edge_vpr.matching.sequences import match_by_sequences, sequence_distances
@@ -128,6 +128,7 @@ def filter_drive(
     drive = _Drive(place_filter, index, queries, travelled, driven)
     found = FilteredDrive.empty(n, metrics)
     if smooth:
+        _start_likelier(drive)
         _smooth(drive, found)
         return found
     lag = FixedLag(place_filter.transitions, delay) if delay else None
@@ -178,6 +179,26 @@ class _Drive(NamedTuple):
         for first, last, some in self.advance(begin, end):
             rows.part(first - begin, last - begin).take(some)
         return rows
+
+
+def _start_likelier(drive: _Drive) -> None:
+    """Start the mean activity where the whole drive is then matched with the most trust."""
+    place_filter, events = drive.place_filter, drive.queries.selected_events
+    metric, numbers = place_filter.state.metric.copy(), place_filter.numbers
+    at = NUMBER_NAMES.index("mean_activity")
+
+    def begin(start: int) -> None:
+        place_filter.resume(metric, (*numbers[:at], start, *numbers[at + 1 :]))
+
+    def trust(start: int) -> int:
+        begin(start)
+        found = FilteredDrive.empty(len(events), None)
+        _smooth(drive, found)
+        return int(found.columns[:, TRUST].sum())
+
+    starts = possible_starts(events, numbers[at]) if len(events) else ()
+    if len(starts) > 1:
+        begin(max(starts, key=trust))
 
 
 def _smooth(drive: _Drive, found: FilteredDrive) -> None:

@@ -187,6 +187,18 @@ def test_windows_that_hold_hardly_an_event_are_doubted(folder):
         ev.ReferenceMap.build(drive, **SMALL | {"tau": "10us", "matching": "sequence"})
 
 
+def test_a_camera_that_sees_a_quarter_of_the_events_is_matched_by_the_whole_drive():
+    first, second = simulate_pair(0, "tiny", length_m=200)
+    route = ev.ReferenceMap.build(first, track=first.track, pixels=100)
+    events = np.concatenate(list(second))
+    few = events[np.random.default_rng(0).random(events.size) < 1 / 4]
+    truth = (first.track, second.track)
+    assert route.match(few).evaluate(truth, tolerance_m=10).precision_at_100_recall > 0.95
+    for live in ({"smooth": False}, {"every": "window"}):
+        with pytest.warns(ev.EdgeVprWarning, match=r"the drive has 0\.22 times as many events as"):
+            route.match(few, **live)
+
+
 def test_a_time_without_any_event_is_named_where_a_clock_may_have_jumped(route):
     events = events_of(1)
     late = np.where(np.arange(events.size) < events.size // 2, 0, 20_000_000)

@@ -31,6 +31,8 @@ from firmware_model import specification
 from firmware_model.specification import distance, ilog
 from firmware_model.specification_drive import (
     Drive,
+    likelier,
+    possible_starts,
     running_misfits,
     smoothed_misfits,
     typical_distances,
@@ -142,13 +144,18 @@ def test_a_smoothed_drive_has_the_cost_of_the_best_path_through_each_place(
         mapped, counted, chosen, jumps=pairs, along_mm=along, odometry=odometry
     )
     number = steps.places_per_window
-    page = Drive(
-        costs_of(steps), number,
-        [[distance(p, q) for p in reference.tolist()] for q in queries.tolist()],
-        events.tolist(), activity_of_drive(mapped.selected_events[::number]),
-        place_activity(mapped.selected_events, number).tolist(), per_window=number,
-        jumps=pairs.tolist(), along=[] if along is None else along.tolist(), driven=driven,
-    )  # fmt: skip
+    mean_activity = activity_of_drive(mapped.selected_events[::number])
+    starts = possible_starts(events.tolist(), mean_activity)
+    page = likelier([
+        Drive(
+            costs_of(steps), number,
+            [[distance(p, q) for p in reference.tolist()] for q in queries.tolist()],
+            events.tolist(), start, place_activity(mapped.selected_events, number).tolist(),
+            per_window=number, jumps=pairs.tolist(),
+            along=[] if along is None else along.tolist(), driven=driven,
+        )
+        for start in (starts if delay is None else starts[:1])
+    ])  # fmt: skip
     expected = page.smoothed() if delay is None else page.delayed(delay)
     for w, match in enumerate(expected):
         second = -1 if match.second is None else match.second

@@ -364,6 +364,8 @@ SENTENCES: list[tuple[str, str, Callable[[], object]]] = [
               *correct("*2 min, 150 px", ROBOT, "correct of accepted")]),
     ("will_it_work", "{:.2f}, {:.2f} on streets with three stops of 2 minutes, against {:.2f} with",
      lambda: [*live_and_late("*2 min, 150 px"), *correct("*2 min, 150 px", f"{ROBOT}, odometry")]),
+    ("will_it_work", "{:.2f}, {:.2f} on streets where contrast thresholds are doubled",
+     lambda: live_and_late("*thresholds x 2, 150 px")),
     ("will_it_work", "{:.2f}, {:.2f} on streets in low sun",
      lambda: live_and_late("*low sun, 150 px")),
     ("will_it_work", "{:.2f}, {:.2f} on one route", lambda: live_and_late("*walks, 150 px")),

@@ -306,6 +306,7 @@ STREETS: Mapping[str, Second] = {
     "street, thresholds x 1.3": Second(QUERY, 1.3),
     "street, thresholds x 0.75": Second(QUERY, 0.75),
     "street, 3 stops of 2 min": Second(replace(QUERY, stops=3, stop_s=120.0)),
+    "street, thresholds x 2": Second(QUERY, 2.0),
 }
 
 
