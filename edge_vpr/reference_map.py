@@ -57,7 +57,7 @@ from edge_vpr.online.schedule import MatchSchedule
 from edge_vpr.recordings import Faults, Recording, open_recording
 from edge_vpr.recordings.memory import FORMAT as MEMORY
 from edge_vpr.recordings.memory import column_names
-from edge_vpr.recordings.reading import Camera
+from edge_vpr.recordings.reading import Camera, UnitCheck
 from edge_vpr.registration import Registration, register
 from edge_vpr.results import (
     LEFT_OUT,
@@ -394,6 +394,11 @@ class ReferenceMap(MapRecord):
         **changes
             Single settings of matching that replace the map's.
 
+        Warns
+        -----
+        EdgeVprWarning
+            If the times of the first events are hardly in microseconds.
+
         Examples
         --------
         >>> localiser = route.localiser("50ms", precision=0.9)  # doctest: +SKIP
@@ -401,7 +406,9 @@ class ReferenceMap(MapRecord):
         """
         _check_causal(changes, "localiser")
         asked = self._with(self._asked(settings, changes, "localiser"), "localiser")
-        return Localiser(asked.causal(), every=every, recent=recent)
+        made = Localiser(asked.causal(), every=every, recent=recent)
+        made.unit_check = UnitCheck(self.pixel_map.sensor)
+        return made
 
     def changed(self, changes: Mapping[str, Any], by: str) -> Self:
         """Return the map with other settings of matching, by name; `by` is named in errors."""

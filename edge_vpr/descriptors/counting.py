@@ -37,7 +37,7 @@ from edge_vpr.events import (
 )
 from edge_vpr.recordings import EventData, open_recording
 from edge_vpr.recordings.memory import is_event_data
-from edge_vpr.recordings.reading import NO_CAMERA, Camera
+from edge_vpr.recordings.reading import NO_CAMERA, Camera, UnitCheck
 from edge_vpr.settings import Settings
 
 # Kernels that count events at selected pixels.
@@ -670,13 +670,18 @@ def cleaned(
     bursts = BurstFilter(recording.sensor) if settings.remove_bursts else None
     # a recording that counts its faults has checked its events
     checked = hasattr(recording, "faults")
+    units = None if checked else UnitCheck(recording.sensor)
     for events in recording if checked else in_order(recording, recording.sensor):
+        if units is not None:
+            units.feed(events)
         removed.events += int(events.size)
         if bursts is None:
             yield events
         else:
             yield from bursts.pieces(events)
             removed.burst_events = bursts.removed
+    if units is not None:
+        units.finish()
     if bursts is not None:
         yield bursts.finish()
         removed.burst_events = bursts.removed

@@ -44,6 +44,7 @@ from edge_vpr.online.runs import (
     join_matches,
 )
 from edge_vpr.online.schedule import MatchSchedule
+from edge_vpr.recordings.reading import UnitCheck
 from edge_vpr.route import MOST_MM, OdometerCheck, Odometry
 from edge_vpr.settings import Settings
 
@@ -79,7 +80,14 @@ class Localiser:
     recent : int
         Number of the map's newest places that are not searched, for a rover that appends places
         while it drives.
+
+    Attributes
+    ----------
+    unit_check : UnitCheck or None
+        Doubts the unit of the times that are fed; None (the default) where they are known.
     """
+
+    unit_check: UnitCheck | None = None
 
     def __init__(
         self,
@@ -167,6 +175,8 @@ class Localiser:
         stop = self.run.process(events)
         if stop[1] == REFUSED:
             self._check(events)
+        if self.unit_check is not None:
+            self.unit_check.feed(events)
         return join_matches(self.run.go_on(stop))
 
     def _check(self, events: Events) -> None:
@@ -213,6 +223,8 @@ class Localiser:
             Matches of the last windows, which fewer windows than the delay follow; m is 0 without
             a delay.
         """
+        if self.unit_check is not None:
+            self.unit_check.finish()
         return join_matches(self.run.finish())
 
     def read_odometer(

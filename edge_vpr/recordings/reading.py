@@ -9,6 +9,7 @@ from __future__ import annotations
 import contextlib
 import copy
 import math
+import warnings
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Generator, Iterator
 from contextlib import contextmanager
@@ -20,7 +21,14 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from edge_vpr.errors import EdgeVprError, MissingExtraError, RecordingError, UsageError, printable
+from edge_vpr.errors import (
+    EdgeVprError,
+    EdgeVprWarning,
+    MissingExtraError,
+    RecordingError,
+    UsageError,
+    printable,
+)
 from edge_vpr.events import EVENT_DTYPE, LONGEST_SIDE, TIME_LIMIT_US, Events, Sensor
 
 # What a reader yields.
@@ -769,7 +777,14 @@ _USUAL_RATE, _SLOWEST, _SHORTEST, _LONGEST = 3.0, 5.0, 1.0, 3_600.0
 _DOUBTFUL, _LONGEST_STEP_US, _LONGEST_OF_FLOAT32_US, _IMPOSSIBLE = 2.0, 1_000_000, 2_000, 4.0
 
 
-def _doubt(events: Events, share: float | None, sensor: Sensor, assumed: str, float32: bool) -> str:
+def _doubt(
+    events: Events,
+    share: float | None,
+    sensor: Sensor,
+    assumed: str,
+    float32: bool = False,
+    remedy: str = "pass time_unit='{unit}'",
+) -> str:
     """Return why the unit of the times is implausible; "" if it is plausible.
 
     Parameters
@@ -777,11 +792,13 @@ def _doubt(events: Events, share: float | None, sensor: Sensor, assumed: str, fl
     events : ndarray of EVENT_DTYPE, shape (n,)
         The first events.
     share : float or None
-        Share of the file that they are.
+        Share of the drive that they are; None if it is not known.
     assumed : str
         Unit in which they were read.
     float32 : bool
         Whether their times are of this type.
+    remedy : str
+        What to do if they are in a unit that is more likely.
     """
     n, duration_us = events.size, int(events["t"][-1] - events["t"][0])
     if n < _FEWEST:
@@ -803,8 +820,10 @@ def _doubt(events: Events, share: float | None, sensor: Sensor, assumed: str, fl
         if step_us > 1 and step_us * factor > longest_us:
             return math.inf
         seconds = usual_us * float(factor) / 1e6
-        total = seconds / min(max(share or 1.0, 1e-6), 1.0)
         rate = abs(math.log10(n / seconds / sensor.pixels / _USUAL_RATE))
+        if share is None:
+            return rate
+        total = seconds / min(max(share, 1e-6), 1.0)
         return rate + max(0.0, math.log10(_SHORTEST / total), math.log10(total / _LONGEST))
 
     odd = {unit: oddness(us / _US_PER_UNIT[assumed]) for unit, us in _US_PER_UNIT.items()}
@@ -822,5 +841,37 @@ def _doubt(events: Events, share: float | None, sensor: Sensor, assumed: str, fl
     return (
         f"the first {n:,} events take {duration_us / 1e6:,.6g} s if times are in {assumed}, as "
         f"assumed, which is {rate:,.3g} events/s: if they are in {best}, which is more likely, "
-        f"pass time_unit='{best}'"
+        + remedy.format(unit=best)
     )
+
+
+class UnitCheck:
+    """Check of the unit of times that no reader has checked, by the first events of a drive.
+
+    It warns once, after some thousands of events or at the end of a shorter drive.
+    """
+
+    #: so many events are taken
+    _ENOUGH = 10_000
+
+    def __init__(self, sensor: Sensor) -> None:
+        self._sensor = sensor
+        self._first: list[Events] = []
+        self._missing = self._ENOUGH
+
+    def feed(self, events: Events) -> None:
+        """Take the next events."""
+        if self._missing > 0:
+            self._first.append(events[: self._missing].copy())
+            self._missing -= events.size
+            if self._missing <= 0:
+                self.finish()
+
+    def finish(self) -> None:
+        """Judge the events that were taken."""
+        self._missing = 0
+        if self._first:
+            first, self._first = np.concatenate(self._first), []
+            doubt = _doubt(first, None, self._sensor, "us", remedy="give whole microseconds")
+            if doubt:
+                warnings.warn(doubt, EdgeVprWarning, stacklevel=4)

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import itertools
+import warnings
+from contextlib import suppress
 from functools import partialmethod
 
 import naive
@@ -443,6 +445,34 @@ def test_a_source_of_ones_own_is_held_to_order_and_sensor():
         for use in (lambda drive: ReferenceMap.build(drive, SMALL), route.match):
             with pytest.raises(EventError, match=words):
                 use(own)
+
+
+@pytest.mark.parametrize(("factor", "unit"), [(1, None), (1_000, "ns"), (1e-3, "ms")])
+def test_an_unlikely_unit_of_times_that_no_reader_has_checked_is_a_warning_once(factor, unit):
+    """Of a source of one's own, event by event too, and of a localiser."""
+    events = random_events(np.random.default_rng(0), 12_000, SENSOR, 60_000_000)
+    route = ReferenceMap.build(Drive(events, SENSOR), SMALL, tau="10s")
+    scaled = events.copy()
+    scaled["t"] = events["t"] * factor
+    chunks = np.array_split(scaled, 50)
+
+    def follow():
+        localiser = route.localiser("window")
+        for chunk in chunks:
+            localiser.update(chunk)
+        localiser.finish()
+
+    for use in (
+        lambda: route.match(Drive(scaled, SENSOR)),
+        lambda: route.match(Drive(scaled, SENSOR), every="window"),
+        follow,
+    ):
+        with warnings.catch_warnings(record=True) as said, suppress(UsageError):  # too short
+            warnings.simplefilter("always")
+            use()
+        texts = [str(each.message) for each in said if "more likely" in str(each.message)]
+        assert len(texts) == (unit is not None), texts
+        assert all(f"if they are in {unit}, which is" in text for text in texts)
 
 
 def test_a_source_of_ones_own_may_yield_the_fields_of_events_in_any_type():

@@ -20,7 +20,7 @@ from edge_vpr.registration import SEQUENCE, estimate_shift, moved_map, reach_of,
 from edge_vpr.settings import PRESETS, Settings
 
 SENSOR = Sensor(32, 24)
-TAU = 1_000
+TAU = 1_000_000
 CHOSEN = Settings(
     pixels=20, sigma=0.0, tau_us=TAU, sequence_length=2, strategy="random", remove_bursts=False,
     remove_hot_pixels=False,
@@ -132,7 +132,7 @@ def test_events_are_registered_too(polarity, window):
 def drive(rng, images):
     """Events that count to these images, at random moments of each window."""
     k, y, x = (np.repeat(i.ravel(), images.ravel()) for i in np.indices(images.shape))
-    t = k * TAU + rng.integers(0, TAU, k.size)
+    t = k * TAU + TAU // 1_000 * rng.integers(0, 1_000, k.size)
     order = np.argsort(t, kind="stable")
     return Drive(make_events(t[order], x[order], y[order], rng.integers(0, 2, k.size)), SENSOR)
 
@@ -198,7 +198,7 @@ def test_match_registers_and_warns(tmp_path, capsys, online):
         events = list(drive(rng, seen(world, *shift)))
         write_recording(tmp_path / f"{name}.npz", events, sensor=SENSOR)
     mapped = f"{tmp_path}/map.npz"
-    settings = ["--preset", "paper", "--pixels", "20", "--sigma", "0", "--tau", "1ms", "-L", "2",
+    settings = ["--preset", "paper", "--pixels", "20", "--sigma", "0", "--tau", "1s", "-L", "2",
                 "--bursts", "keep", "--hot-pixels", "keep"]  # fmt: skip
     assert main(["map", f"{tmp_path}/reference.npz", "-o", mapped, *settings]) == 0
     run = ["match", mapped, f"{tmp_path}/query.npz", "--no-figures", *online]
