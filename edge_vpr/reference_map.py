@@ -10,7 +10,7 @@ from functools import partial
 from importlib import import_module
 from inspect import signature
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Self, TypeVar, Unpack, cast
+from typing import TYPE_CHECKING, Any, Literal, Self, TypeVar, Unpack, cast
 
 import numpy as np
 import numpy.typing as npt
@@ -135,8 +135,8 @@ class ReferenceMap(MapRecord):
     odometer_mm : ndarray of int64, shape (K,), optional
         Millimetres that the reference had driven at each place by its own odometry.
     frame_period : Fraction, optional
-        Seconds a frame of counts, where the file of the reference did not say; taken for queries
-        that do not say either.
+        Seconds a frame, of a map made of count frames; taken for queries that do not say. A map of
+        the same events in memory has none, and so is another map.
     learnt_mean : ndarray of int32, shape (K, J), optional
         Of a map of several drives (`update`): the mean of their codes, in units of 1/256. The codes
         of the places are this mean, rounded.
@@ -924,7 +924,7 @@ class MatchResult:
         folder: PathName,
         evaluation: Evaluation | None = None,
         *,
-        figures: Sequence[str] = (),
+        figures: Sequence[Literal["png", "pdf", "svg"]] = (),
         overwrite: bool = False,
     ) -> None:
         """Write the folder of `save` with its report, ``report.html``.

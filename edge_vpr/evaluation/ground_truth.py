@@ -446,6 +446,9 @@ class Alignment(NamedTuple):
     pairs: npt.ArrayLike
     unit: Literal["frame", "s"]  #: Of both moments.
 
+    def __repr__(self) -> str:
+        return f"Alignment({len(np.asarray(self.pairs, dtype=object))} pairs, in {self.unit!r})"
+
     def coordinate(
         self, times_us: npt.ArrayLike, frame_period: Fraction | float | str | None = None
     ) -> Floats:

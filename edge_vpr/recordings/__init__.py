@@ -20,7 +20,7 @@ from dataclasses import dataclass, replace
 from fractions import Fraction
 from importlib import import_module
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any, Protocol, get_args
 
 import numpy as np
 
@@ -47,10 +47,12 @@ from edge_vpr.recordings.reading import (
     Camera,
     Columns,
     Faults,
+    OnFault,
     ReadOptions,
     Recording,
     Source,
     TimeCrop,
+    TimeUnit,
     check_policy,
     crop_of,
     foreign_errors,
@@ -182,12 +184,12 @@ def open_recording(
     sensor: SensorSize | None = None,
     start: float | str | None = None,
     end: float | str | None = None,
-    on_fault: str = "error",
+    on_fault: OnFault = "error",
     frame_period: Fraction | float | str | None = None,
     default: Camera = NO_CAMERA,
     chunk_events: int = CHUNK_EVENTS,
     topic: str | None = None,
-    time_unit: str | None = None,
+    time_unit: TimeUnit | None = None,
     columns: str | None = None,
 ) -> Recording:
     r"""Open a recording of any known format, or events in memory.
@@ -244,7 +246,7 @@ def open_recording(
     check_policy(on_fault)
     if type(chunk_events) is not int or chunk_events < 1:
         raise UsageError(f"chunk_events {chunk_events!r} is not positive: give a number from 1")
-    if time_unit not in (None, "s", "ms", "us", "ns"):
+    if time_unit not in (None, *get_args(TimeUnit)):
         raise UsageError(f"time unit {time_unit!r} is unknown: choose s, ms, us or ns")
     for name, text in (("columns", columns), ("format", format), ("topic", topic)):
         if text is not None:

@@ -16,7 +16,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, fields
 from fractions import Fraction
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, Literal, NamedTuple, get_args
 
 import numpy as np
 import numpy.typing as npt
@@ -64,6 +64,10 @@ def in_chunks(columns: Columns, number: int) -> Iterator[Columns]:
 # Interface of readers: unchecked raw columns on the file's own clock.
 
 
+#: What is done with faulty events: an error, or they are left out and counted.
+OnFault = Literal["error", "drop"]
+#: Units of times in tables.
+TimeUnit = Literal["s", "ms", "us", "ns"]
 #: Approximate events of one chunk: 64 Ki events are 850 kB, which stay in a core's second-level
 #: cache.
 CHUNK_EVENTS = 1 << 16
@@ -92,7 +96,7 @@ class ReadOptions:
     default: Camera = NO_CAMERA
     chunk_events: int = CHUNK_EVENTS
     topic: str | None = None
-    time_unit: str | None = None
+    time_unit: TimeUnit | None = None
     columns: str | None = None
 
 
@@ -470,7 +474,7 @@ def unit_remedy(time: float) -> str:
 
 def check_policy(on_fault: str) -> None:
     """Raise :class:`UsageError` unless `on_fault` is ``"error"`` or ``"drop"``."""
-    if on_fault not in ("error", "drop"):
+    if on_fault not in get_args(OnFault):
         raise UsageError(f"on_fault {on_fault!r} is unknown: choose error or drop")
 
 

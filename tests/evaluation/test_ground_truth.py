@@ -484,6 +484,7 @@ def test_an_alignment_that_leaves_a_question_is_refused(tmp_path, text, message)
 
 def test_frames_need_their_period():
     alignment = Alignment(np.array([[0.0, 0.0], [9.0, 9.0]]), "frame")
+    assert repr(alignment) == "Alignment(2 pairs, in 'frame')"
     assert alignment.coordinate([0, 50_000], "1/30").tolist() == [0.0, 1.5]
     with pytest.raises(GroundTruthError, match="pass frame_period="):
         alignment.coordinate([0])

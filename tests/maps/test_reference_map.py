@@ -415,6 +415,22 @@ def test_the_period_of_frames_is_kept_in_the_map(tmp_path, capsys):
     )
 
 
+def test_a_map_of_the_events_of_frames_differs_by_their_period_alone(tmp_path):
+    """It cannot know how long a frame of the query lasts."""
+    frames = np.random.default_rng(2).integers(0, 4, (100, 12, 16)).astype(np.uint8)
+    np.savez(tmp_path / "frames.npz", frames=frames)
+    drive = ev.open_recording(tmp_path / "frames.npz", frame_period="1/30")
+    events, small = np.concatenate(list(drive)), {"pixels": 5, "sigma": 1}
+    of_frames = ev.ReferenceMap.build(drive, **small)
+    of_events = ev.ReferenceMap.build(events, sensor=drive.sensor, **small)
+    assert of_events != of_frames
+    assert dataclasses.replace(of_events, frame_period=Fraction(1, 30)) == of_frames
+    of_frames.match(tmp_path / "frames.npz")
+    with pytest.raises(UsageError, match="pass frame_period="):
+        of_events.match(tmp_path / "frames.npz")
+    of_events.match(drive)
+
+
 @pytest.mark.parametrize(("stated", "places"), [("1", 8), ("1/30", 15)])
 def test_frames_as_long_as_a_window_have_places_at_whole_windows(stated, places, tmp_path):
     """The halves of such a frame were not measured; whether the file states its length or not."""

@@ -284,6 +284,8 @@ def shown(match: LiveMatch) -> int:
     return match.place
 
 mine(pixels=50, places_per_window="auto", strategy=PartName("plugin:grid"))
+open_recording("monday.csv", on_fault="drop", time_unit="ns", columns="xytp")
+route.match("tuesday.raw").report("out", figures=["png", "pdf"])
 """
 _WRONG = """\
 ReferenceMap.build(drive, pixles=50)
@@ -300,6 +302,9 @@ ReferenceMap.build(drive, strategy="varience")
 ReferenceMap.build(drive, counter_code="lg")
 ReferenceMap.build(drive, hot_pixels="kept")
 mine(pixles=50)
+open_recording("monday.raw", on_fault="dorp")
+open_recording("monday.csv", time_unit="sec")
+route.match("tuesday.raw").report("out", figures=["pgn"])
 """
 
 

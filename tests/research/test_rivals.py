@@ -25,7 +25,8 @@ from edge_vpr_tools.research.experiments import (
 )
 from edge_vpr_tools.research.experiments.experiment import Draw, Drives
 from edge_vpr_tools.research.experiments.mount_shift import ShiftedWindows, shifted
-from edge_vpr_tools.research.experiments.pairs import INNER, CountedDrive, CountedPair, Pair
+from edge_vpr_tools.research.experiments.pairs import INNER, CountedDrive, CountedPair, Kept, Pair
+from streams import Drive
 from test_network_baselines import conv_model
 
 from edge_vpr.descriptors.pixels import PixelMap
@@ -35,6 +36,7 @@ from edge_vpr.evaluation.ground_truth import Alignment, from_alignment
 from edge_vpr.events import Sensor
 from edge_vpr.matching.distances import ReferenceIndex
 from edge_vpr.matching.drive import match_descriptors
+from edge_vpr.recordings import open_recording
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.settings import PRESETS
 from edge_vpr.simulation import simulate_pair
@@ -397,3 +399,12 @@ def test_the_number_of_pixels_is_varied_and_what_does_not_fit_is_left_out(monkey
     assert numbers["variance"] == {5, 150} and numbers[pixel_number.ALL] == {96 * 96}
     assert numbers["seed-code"] == {5}  # 150 circles of 7 pixels do not fit
     assert len(pixel_number.EXPERIMENT.figure([{"drives": "d", **row} for row in rows]).axes) == 2
+
+
+def test_a_kept_recording_has_the_faults_of_its_first_pass(tmp_path):
+    (tmp_path / "drive.csv").write_text("t,x,y,p\n1,0,0,1\n2,9,0,1\n3,1,0,1\n")
+    kept = Kept(open_recording(tmp_path / "drive.csv", sensor=Sensor(2, 2), on_fault="drop"))
+    assert [events["t"].tolist() for _ in range(2) for events in kept] == [[0, 2], [0, 2]]
+    assert kept.faults.off_sensor == 1
+    # events of other sources are checked by each pass
+    assert not hasattr(Kept(Drive(np.concatenate(list(kept)), Sensor(2, 2))), "faults")

@@ -25,6 +25,7 @@ from edge_vpr.evaluation.track_files import load_track
 from edge_vpr.evaluation.tracks import Track
 from edge_vpr.events import Sensor
 from edge_vpr.recordings import Recording, TimeCrop, open_recording
+from edge_vpr.recordings.reading import OnFault, TimeUnit
 
 # Published files.
 
@@ -130,7 +131,7 @@ Files = Literal["parquet", "bag"]
 #: in order of preference
 KINDS: tuple[Files, ...] = ("parquet", "bag")
 #: of files that do not state theirs
-TIME_UNITS = {".parquet": "us"}
+TIME_UNITS: dict[str, TimeUnit] = {".parquet": "us"}
 
 
 @dataclass(frozen=True)
@@ -380,7 +381,7 @@ def find_file(traverse: Traverse, folder: Path, files: tuple[Files, ...]) -> Pat
     return None
 
 
-def open_drive(traverse: Traverse, path: Path, *, on_fault: str = "drop") -> PublishedDrive:
+def open_drive(traverse: Traverse, path: Path, *, on_fault: OnFault = "drop") -> PublishedDrive:
     """Open the recording of a traverse, cut to the track that lies in the same folder.
 
     Times count from the beginning of the track, or of the recording if this is later.

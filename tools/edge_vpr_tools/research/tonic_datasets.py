@@ -16,6 +16,7 @@ from edge_vpr.descriptors.counting import CountPixels
 from edge_vpr.errors import MissingExtraError, RecordingError, UsageError
 from edge_vpr.evaluation.tracks import Track
 from edge_vpr.events import EVENT_DTYPE, Events
+from edge_vpr.recordings.reading import OnFault
 from edge_vpr_tools.research.datasets import (
     BRISBANE_TRAVERSES,
     KINDS,
@@ -58,7 +59,7 @@ class _Traverses(Dataset):  # type: ignore[misc]  # tonic has no types
         traverses: Sequence[str] | None = None,
         *,
         files: Files = "parquet",
-        on_fault: str = "error",
+        on_fault: OnFault = "error",
         transform: Transform | None = None,
         target_transform: Transform | None = None,
         transforms: Callable[[Any, Any], tuple[Any, Any]] | None = None,

@@ -102,6 +102,11 @@ class Kept:
         self._recording = recording
         self._chunks: list[Events] | None = None
 
+    @property
+    def faults(self) -> Any:
+        """Faults of the recording, whose events are checked then; else there is none."""
+        return self._recording.faults  # type: ignore[attr-defined]
+
     def __iter__(self) -> Iterator[Events]:
         if self._chunks is None:
             self._chunks = list(self._recording)

@@ -19,7 +19,7 @@ from edge_vpr.evaluation.metrics import Evaluation, evaluate
 from edge_vpr.files import open_input, read_toml
 from edge_vpr.matching.drive import match_query
 from edge_vpr.recordings import Recording, open_recording
-from edge_vpr.recordings.reading import crop_of
+from edge_vpr.recordings.reading import OnFault, TimeUnit, crop_of
 from edge_vpr.reference_map import MatchMetrics, ReferenceMap
 from edge_vpr.results import RecordError, from_json
 from edge_vpr.settings import SETTING_FIELDS, Settings, resolve_settings
@@ -50,10 +50,10 @@ class PairOfDrives:
     #: for both drives.
     sensor: str | None = None
     format: str | None = None
-    time_unit: str | None = None
+    time_unit: TimeUnit | None = None
     topic: str | None = None
     columns: str | None = None
-    on_fault: str = "error"
+    on_fault: OnFault = "error"
     #: start, end, start_offset: for the reference and for the query: seconds at which to start, at
     #: which to end, and from which these count, as the flags with these names.
     start: tuple[str, str] | None = None
