@@ -902,7 +902,8 @@ class MatchResult:
         evaluation : Evaluation, optional
             Of this result; colours correct and wrong matches.
         axes : matplotlib.axes.Axes or sequence of them, optional
-            Drawn on in this order, as many as there are. By default a new figure of pyplot.
+            Drawn on in this order, as many as there are; the legend is below them if the layout of
+            their figure is "constrained". By default a new figure of pyplot.
 
         Returns
         -------

@@ -132,7 +132,7 @@ def test_the_report_shows_route_error_and_the_worst_windows(street):
     assert [number for number, *_ in shown] == list("12345")
     sizes = [float(error.replace(",", "")) for *_, error in shown]
     assert sizes == sorted(sizes, reverse=True)
-    assert ("error (m), logarithmic above 3" in text) == (sizes[0] > 9)
+    assert ("error (m), log above 3" in text) == (sizes[0] > 9)
     matches = Matches.load(street / "results/matches.npz")
     for number, time, _ in shown:
         j = int(np.argmin(np.abs(matches.time_us / 1e6 - float(time))))
@@ -350,9 +350,13 @@ def test_a_result_draws_itself_on_axes_of_its_own_or_given_ones(street):
     }
     wrong = int(np.count_nonzero(judged.evaluated & ~judged.correct))
     assert sum(n for label, n in points.items() if label.startswith("wrong")) == wrong > 0
+    assert drawn[0].get_legend() is None  # it covers no panel
+    entries = [text.get_text() for text in drawn[0].figure.legends[0].get_texts()]
+    assert len(entries) == len(set(entries)) > 4
     _, given = pyplot.subplots(1, 2)
     assert list(result.plot(axes=given)) == list(given)
     assert [axes.get_ylabel() for axes in given] == ["y (m)", "distance along the route (m)"]
+    assert given[0].get_legend() is not None
     _, one = pyplot.subplots()
     assert list(result.plot(judged, axes=one)) == [one]
     pyplot.close("all")

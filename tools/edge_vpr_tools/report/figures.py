@@ -162,15 +162,15 @@ class RouteView:
         axes.plot(*route.T, color=GREY, lw=1.2, alpha=0.7, zorder=1, label="route of the map")
         _draw_direction(axes, route[np.isfinite(route).all(axis=1)])
         matched = route[outcome.matches.place]
-        for of, colour in ((outcome.wrong & ~outcome.accepted, GREY),
-                           (outcome.wrong & outcome.accepted, RED)):  # fmt: skip
-            lines = list(np.stack([shown[of], matched[of]], axis=1))
-            axes.add_collection(
-                LineCollection(
-                    lines, colors=colour, linewidths=0.9, linestyles="--", alpha=0.6, zorder=2,
-                    label="error of a wrong match" if lines else None,
-                )
-            )  # fmt: skip
+        wrong = outcome.wrong
+        axes.add_collection(
+            LineCollection(
+                list(np.stack([shown[wrong], matched[wrong]], axis=1)),
+                colors=[RED if taken else GREY for taken in outcome.accepted[wrong]],
+                linewidths=0.9, linestyles="--", alpha=0.6, zorder=2,
+                label="error of a wrong match" if wrong.any() else None,
+            )
+        )  # fmt: skip
         draw_outcomes(axes, shown[:, 0], shown[:, 1], outcome)
         axes.set_aspect("equal", adjustable="datalim")
         if self.route.kind == "geographic":
@@ -294,7 +294,7 @@ def _error_axis(axes: Axes, truth: GroundTruth, errors: Floats) -> None:
             ticks = [0.0, tolerance, *decades[decades > 1.5 * tolerance]]
             axes.set_yticks(ticks, [f"{value:g}" for value in ticks])
             axes.minorticks_off()
-            label += f", logarithmic above {tolerance:g}"
+            label += f", log above {tolerance:g}"
     axes.set_ylim(0, 1.12 * max(largest, 1.25 * (tolerance or 0.8)))  # also where all errors are 0
     axes.set_ylabel(label)
 

@@ -15,6 +15,7 @@ import matplotlib as mpl
 import numpy as np
 import numpy.typing as npt
 from matplotlib.axes import Axes
+from matplotlib.layout_engine import ConstrainedLayoutEngine
 
 from edge_vpr.errors import UsageError
 from edge_vpr.evaluation.metrics import Evaluation
@@ -31,7 +32,7 @@ from edge_vpr_tools.report.figures import (
     over_time,
 )
 from edge_vpr_tools.report.page import as_html
-from edge_vpr_tools.report.style import STYLE, along_route, save
+from edge_vpr_tools.report.style import STYLE, along_route, legend_below, save
 from edge_vpr_tools.report.traverse import write_report
 from edge_vpr_tools.report.verdict import outcome_of
 
@@ -71,7 +72,7 @@ def plot(
 def _drawn(
     panels: Sequence[Callable[[Axes], None]], axes: list[Axes], first_is_route: bool, title: str
 ) -> npt.NDArray[Any]:
-    """Draw as many panels as there are axes, with one title and legend."""
+    """Draw as many panels as there are axes, with one title, and a legend below if it has room."""
     used = axes[: len(panels)]
     used[0].set_title(title)
     for number, (draw, on) in enumerate(zip(panels, used, strict=False)):
@@ -80,7 +81,14 @@ def _drawn(
             on.set_xlabel(TIME)
     labelled = [on for on in used if on.get_legend_handles_labels()[1]]
     for on in labelled[:1]:
-        on.legend(fontsize=9)
+        drawing = on.get_figure(root=True)
+        assert drawing is not None
+        constrained = isinstance(drawing.get_layout_engine(), ConstrainedLayoutEngine)
+        if constrained and not drawing.legends:
+            wide = drawing.get_figwidth() > drawing.get_figheight()
+            legend_below(drawing, [on], 4 if wide else 2, fontsize=9)
+        else:
+            on.legend(fontsize=9)
     return np.array(used, dtype=object)
 
 
