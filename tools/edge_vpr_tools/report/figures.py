@@ -84,7 +84,7 @@ def _groups(outcome: Outcome) -> list[_Group]:
         accepted = "" if outcome.precision is None else ", accepted"
         groups = [
             _Group(f"correct{accepted}", correct & taken, dot),
-            _Group("correct, not accepted", correct & ~taken, ring),
+            _Group("correct, not accepted", correct & ~taken, {**ring, "edgecolors": SKY}),
             _Group("wrong, not accepted", wrong & ~taken, {**cross, "color": BLACK}),
             _Group(f"wrong{accepted}", wrong & taken, {**cross, "color": RED}),
         ]
@@ -203,7 +203,7 @@ _ARROWS = 5
 
 def _draw_direction(axes: Axes, route: Floats) -> None:
     """Draw where a route starts, and arrows in the direction in which it was mapped."""
-    axes.plot(*route[0], "o", color=BLACK, mfc="none", mew=1.8, ms=16, zorder=4, label="start")
+    axes.plot(*route[0], "o", color=BLACK, mfc="none", mew=1.8, ms=11, zorder=2.5, label="start")
     along = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(route, axis=0).T))])
     for metres in np.linspace(0.0, along[-1], 2 * _ARROWS + 1)[1::2]:
         tail = int(np.searchsorted(along, metres))

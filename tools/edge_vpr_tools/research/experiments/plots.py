@@ -19,10 +19,22 @@ _MARKERS = "osD^vP"
 _LINE_HEIGHT = 0.32
 
 
-def dots(rows: Rows, measures: Sequence[str], row: str, series: str | None = None) -> Figure:
+def dots(
+    rows: Rows,
+    measures: Sequence[str],
+    row: str,
+    series: str | None = None,
+    *,
+    promised: Mapping[str, float] | None = None,
+) -> Figure:
     """Draw a panel per measure and pair of drives: means of trials as dots, a colour per series.
 
     Rows are drawn from top to bottom; a bar is the spread of the trials.
+
+    Parameters
+    ----------
+    promised : mapping of str to float, optional
+        Value of a measure that its panel marks; it shows the upper tenth alone.
     """
     drives = list(_by(rows, "drives"))
     labels = list(dict.fromkeys(str(each[row]) for each in rows))
@@ -55,6 +67,9 @@ def dots(rows: Rows, measures: Sequence[str], row: str, series: str | None = Non
                     label=_title(name),
                 )
             axes.set(xlabel=title, xlim=(-0.03, 1.03))
+            if promised and measure in promised:
+                axes.axvline(promised[measure], color=GREY, linewidth=1.0, zorder=1)
+                axes.set_xlim(0.897, 1.003)
         grid[0].set_yticks(range(len(labels)), [name_label(label) for label in labels], fontsize=9)
         grid[0].set_ylim(len(labels) - 0.5, -0.5)
         if several > 1:

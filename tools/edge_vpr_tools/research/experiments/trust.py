@@ -228,12 +228,13 @@ def figure(rows: Rows) -> Figure:
     shown = [
         {**row, "drives": "", "": f"{row['map']}: {row['drives']}" if several else row["map"]}
         for row in rows
-        if row.get("calibration error") not in (None, "")
+        if row.get("calibration error") not in (None, "") and not row["map"].startswith("null")
     ]
     versions = list(dict.fromkeys(row["map"] for row in shown))
     shown.sort(key=lambda row: versions.index(row["map"]))
     measures = ("accepted at 0.99", "precision", "calibration error")
-    return dots(shown, measures=measures, row="", series="matching")
+    promised = {"precision": PRECISION}
+    return dots(shown, measures=measures, row="", series="matching", promised=promised)
 
 
 EXPERIMENT = Experiment(
