@@ -342,7 +342,8 @@ SENTENCES: list[tuple[str, str, Callable[[], object]]] = [
                          matching=how)) for how in ("sequences of 20", LIVE, SMOOTHED)]),
     ("results", "and with `--stays-on-map` on the walks with 150 pixels ({:.3f})",
      lambda: trust("precision (stays on map)", "*walks, 150 px")),
-    ("README", "{:.2f} with sequences of 20 at its own 49 pixels; at these pixels, ours reaches {:.2f}",
+    ("README", "reaches {:.2f} with sequences of 20 at its own 49 pixels; at these pixels, ours "
+     "reaches {:.2f} live",
      lambda: [on_brisbane("LENS, sunset2", "sequences of 20", "LENS's 49 pixels"),
               on_brisbane(OURS, LIVE, "LENS's 49 pixels")]),
     ("README", "takes {:,.0f} bytes of patch normalisation and {:,.0f} of HOG, and {:.0f} of ours",
