@@ -447,6 +447,33 @@ def _logarithms(design: Design) -> Iterator[Case]:
             log_of_mean = ilog(mean >> ACTIVITY_FRACTION_BITS)
             shown.append(bisect_left(range(EVENTS_TOP), log_of_mean + edge, key=ilog) - less)
         yield _numbers(f"logarithm_{log}", memories, shown)
+    yield _rounded_decay(design, edge - PLACE_LOW)
+
+
+def _rounded_decay(design: Design, edge: int) -> Case:
+    """Make a pause that takes 1/1024 of a mean of 1,024 k + 1 units, which is k + 1, rounded up.
+
+    The window behind it moves the mean to one unit below a logarithm, or onto it if that was k.
+    """
+    least = bisect_left(range(EVENTS_TOP), 6 * PARTS, key=ilog) << ACTIVITY_FRACTION_BITS
+
+    def after(mean: int, *shown: int) -> int:
+        for events in shown:
+            mean = mean_activity_after(mean, events)
+        return mean
+
+    start, events = next(
+        (start, events)
+        for start, events in product(range(1025, least, 1024), range(least))
+        if after(start, 0, events) == least - 1
+        and mean_activity_after(after(start, 0) + 1, events) == least
+    )
+    log_of_mean = ilog(least - 1 >> ACTIVITY_FRACTION_BITS)
+    last = bisect_left(range(EVENTS_TOP), log_of_mean + edge, key=ilog)
+    memories = Memories(
+        design, choose_pixels(design), [[0] * design.slots], activity=start, place_activity=[0]
+    )
+    return _numbers("rounded_decay", memories, [0, events, last])
 
 
 def _contrasts(design: Design) -> list[Case]:
