@@ -16,6 +16,7 @@ import numpy as np
 import numpy.typing as npt
 
 from edge_vpr.archive import archive_kind, read_archive, write_archive
+from edge_vpr.confidence import OFF_MAP_MISFIT, OFF_MAP_TEXT
 from edge_vpr.descriptors.cleaning import load_hot_pixels
 from edge_vpr.descriptors.counting import (
     AnyRecording,
@@ -220,7 +221,9 @@ class ReferenceMap(MapRecord):
                 "jumps= is for the place filter: add matching='filter', or leave the jumps out"
             )
         track, odometry = _track_of(track), _odometry_of(odometry)
+        removed = Removed() if removed is None else removed
         found = map_traverse(drive, chosen, pixel_map=pixel_map, hot=hot, removed=removed)
+        _warn_of_drops(drive, removed)
         made = replace(
             cls.of(found),
             frame_period=getattr(drive, "frame_period", None),
@@ -364,6 +367,8 @@ class ReferenceMap(MapRecord):
             )
         else:
             result = _match_events(matched.causal(), drive, every, odometry, shift)
+        _warn_if_strange(result.matches)
+        _warn_of_drops(drive, result.removed)
         # the map as it was given: what is asked of one run is no part of it
         start_us = getattr(drive, "cropped_us", 0)
         windows = None if result.windows is None else reference.coded(result.windows)
@@ -1229,3 +1234,32 @@ def _warn_of_rate(reference: MapRecord, windows: Descriptors) -> None:
         EdgeVprWarning,
         stacklevel=4,
     )
+
+
+#: shares of strange matches and of dropped events about which nothing is said
+_MUCH_OFF_MAP, _MUCH_DROPPED = 0.25, 0.05
+
+
+def _warn_if_strange(matches: Matches) -> None:
+    """Warn if the views of more than a quarter of the matches are unlike those of the map."""
+    share = float((matches.misfit >= OFF_MAP_MISFIT).mean())
+    if share > _MUCH_OFF_MAP:
+        warnings.warn(
+            f"{OFF_MAP_TEXT}, by {share:.0%} of the matches: check that the drive and the map are "
+            "of one route, or map the route in this light too",
+            EdgeVprWarning,
+            stacklevel=3,
+        )
+
+
+def _warn_of_drops(drive: EventSource | WindowSource, removed: Removed) -> None:
+    """Warn if more than a twentieth of the events were dropped as faulty."""
+    faults: Faults = getattr(drive, "faults", Faults())
+    share = faults.total / max(removed.events + faults.total, 1)
+    if share > _MUCH_DROPPED:
+        warnings.warn(
+            f"{share:.0%} of the events were dropped as faulty ({faults}): one time far in the "
+            "future makes all behind it faulty; check the times, the columns and the sensor",
+            EdgeVprWarning,
+            stacklevel=3,
+        )

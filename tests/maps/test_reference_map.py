@@ -28,6 +28,9 @@ from edge_vpr.simulation import simulate_pair
 from firmware_model.design import Design
 from firmware_model.errors import DesignError
 
+#: noise is not along the route of a map of other noise
+pytestmark = pytest.mark.filterwarnings("ignore:this place or light is not the map's")
+
 SENSOR = ev.Sensor(16, 12)
 SMALL = {"pixels": 5, "sigma": 1.0, "tau": "100ms"}
 
@@ -199,6 +202,23 @@ def test_a_camera_that_sees_a_quarter_of_the_events_is_matched_by_the_whole_driv
             route.match(few, **live)
 
 
+@pytest.mark.filterwarnings("error")
+def test_another_street_and_a_drive_that_loses_most_events_are_doubted():
+    first, second = simulate_pair(0, "tiny", length_m=60)
+    route = ev.ReferenceMap.build(first, pixels=50)
+    other, _ = simulate_pair(7, "tiny", length_m=60)
+    with pytest.warns(ev.EdgeVprWarning, match=r"light is not the map's, by \d+% of the matches"):
+        route.match(other)
+    events = np.concatenate(list(second))
+    events["t"][100], events["t"][len(events) // 2] = (
+        events["t"][len(events) // 2],
+        events["t"][100],
+    )
+    cut = ev.open_recording(events, sensor=second.sensor, on_fault="drop")
+    with pytest.warns(ev.EdgeVprWarning, match=r"5\d% of the events were dropped as faulty \("):
+        ev.ReferenceMap.build(cut, pixels=50)
+
+
 def test_a_time_without_any_event_is_named_where_a_clock_may_have_jumped(route):
     events = events_of(1)
     late = np.where(np.arange(events.size) < events.size // 2, 0, 20_000_000)
@@ -210,7 +230,7 @@ def test_a_time_without_any_event_is_named_where_a_clock_may_have_jumped(route):
         ev.ReferenceMap.build(jumped, **SMALL | {"tau": "500ms"})
     short = with_times(events, events["t"] + late // 4)
     with warnings.catch_warnings():
-        warnings.simplefilter("error")
+        warnings.filterwarnings("error", "the recording has no event")
         route.match(short)
 
 

@@ -107,7 +107,7 @@ def test_a_missed_precision_says_within_what_it_is_promised(street, promised):
 
 def test_the_times_of_wrong_matches_are_those_of_the_truth(street):
     verdict = read(street / "results")[0]["verdict"]
-    spans = re.findall(r"(\d+)(?: to (\d+))? s\b", verdict)
+    spans = re.findall(r"(\d+(?:\.5)?)(?: to (\d+))? s\b", verdict)
     matches = Matches.load(street / "results/matches.npz")
     places = ReferenceMap.load(street / "map.npz").route.position[matches.place]
     track = np.loadtxt(street / "query.csv", delimiter=",", skiprows=1)

@@ -269,7 +269,7 @@ class View:
         self._lags = Lags()
         self._newest: LiveMatch | None = None
         self._recent: deque[float | None] = deque(maxlen=_STRIP_S)
-        self.matched = 0
+        self.matched = self.accepted = 0
         if reference is not None:
             self._write(route_row(reference))
         if server is not None:
@@ -288,6 +288,7 @@ class View:
             if self._json:  # first: a program may wait at the other end of a pipe
                 self._print(*lines)
             self._newest, self.matched = step.matches[-1], self.matched + len(lines)
+            self.accepted += sum(not match.lost for match in step.matches)
             for line in lines:
                 self._hand_on("match", line)
 
@@ -346,7 +347,8 @@ class View:
     def summary(self, status: LiveStatus, bursts_removed: int) -> None:
         """Write the summary of the run."""
         health = status.health
-        self._write({**self._health(status), "kind": "summary", "matches": self.matched})
+        counted = {"matches": self.matched, "accepted": self.accepted}
+        self._write({**self._health(status), "kind": "summary", **counted})
         if self._quiet:
             return
         if self._panel is not None:
@@ -356,7 +358,8 @@ class View:
         seconds = time.monotonic() - self._started
         text = f"{health.events:,} events in {health.bytes:,} bytes over {seconds:.1f} s"
         if self._places:
-            text += f", {self.matched:,} matches; {bursts_removed:,} events removed as bursts"
+            text += f", {self.matched:,} matches, {self.accepted:,} of them not lost; "
+            text += f"{bursts_removed:,} events removed as bursts"
         half, most = (self._lags.percentile_ms(share) for share in (0.5, 0.99))
         if half is not None:
             text += f"\nfrom byte to {self._goal}: {half:.1f} ms median, {most:.1f} ms for 99 %"
@@ -405,7 +408,9 @@ class View:
             texts["certainty"] = certainty
             if newest.misfit >= OFF_MAP_MISFIT:
                 texts["certainty"] += f", {OFF_MAP_TEXT}"
-            if newest.missing:
+            if newest.missing == 1:
+                texts["certainty"] += ", after a gap of unknown size"
+            elif newest.missing:
                 texts["certainty"] += f", {100 * newest.missing:.0f} % of its events lost"
         elif self._places:
             texts["place"] = f"waiting for the first match: {100 * filled:.0f} %"

@@ -11,7 +11,7 @@ from edge_vpr_tools.flags import add_reading_arguments
 
 EXAMPLES = """\
   edge-vpr bridge tuesday.raw
-  edge-vpr bridge tuesday.raw --port tcp://:7000 --protocol evt3 --speed 2
+  edge-vpr bridge tuesday.raw --port tcp://:7000 --protocol evt3
   edge-vpr bridge tuesday.raw --faults drop=1e-4,stall=2"""
 MAIN_FLAGS = ("--port", "--protocol", "--speed", "--faults", "--sensor", "--start", "--end")
 
@@ -38,7 +38,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     line.add_argument(
         "--speed", type=float, default=1.0, metavar="F",
-        help="speed as a multiple of real time; 0: as fast as possible",
+        help="speed as a multiple of real time; 0: as fast as possible. To a reader of a protocol "
+        "without a checksum, a clock that is not the host's is damaged",
     )  # fmt: skip
     faults = parser.add_argument_group("faults")
     faults.add_argument(

@@ -40,7 +40,7 @@ if TYPE_CHECKING:
 EXAMPLES = """\
   edge-vpr match monday.npz tuesday.raw -o tuesday
   edge-vpr match monday.npz tuesday.raw -o online --online --every 50ms
-  edge-vpr match monday.npz tuesday.raw -o long --matching sequence -L 20 --overwrite"""
+  edge-vpr match monday.npz tuesday.raw -o robot --no-smooth --precision 0.99 --overwrite"""
 MAIN_FLAGS = (
     "--output",
     "--overwrite",
@@ -153,7 +153,6 @@ def run(args: argparse.Namespace) -> None:
     faults = describe_faults(recording)
     queries, matches, metrics = found.queries, found.matches, found.metrics
     warn_of_bursts(found.removed, args.recording, "make the map with --bursts keep")
-    _warn_if_strange(matches)
     warn_of_few_places(args.map, found.reference)
     if odometry is not None:
         _warn_of_other_times(args.odometry, odometry, matches)
@@ -249,10 +248,6 @@ def _check_matrix(matrix: Path, inputs: list[str], args: argparse.Namespace) -> 
 # Messages on how a query fits its map: the image shifted, or views unlike the map's.
 
 
-#: share of matches that may be unlike the map without a warning
-_MUCH_OFF_MAP = 0.25
-
-
 def _report_shift(reference: ReferenceMap, found: MatchResult) -> None:
     """Print by how much the image of a query was shifted against the map, if that was estimated."""
     shift = found.shift
@@ -267,18 +262,6 @@ def _report_shift(reference: ReferenceMap, found: MatchResult) -> None:
         f"moved, and {pixels - len(found.reference.pixel_map)} of {pixels} are lost; fix the "
         "mounting, or make a new map"
     )
-
-
-def _warn_if_strange(matches: Matches) -> None:
-    """Warn if the views of more than a quarter of the matches are unlike those of the map."""
-    from edge_vpr.confidence import OFF_MAP_MISFIT, OFF_MAP_TEXT
-
-    share = float((matches.misfit >= OFF_MAP_MISFIT).mean())
-    if share > _MUCH_OFF_MAP:
-        warning(
-            f"{OFF_MAP_TEXT}, by {share:.0%} of the matches: check that the drive and the map are "
-            "of one route, or map the route in this light too"
-        )
 
 
 def _warn_of_other_times(path: str, odometry: Odometry, matches: Matches) -> None:

@@ -189,6 +189,6 @@ def percent(part: int, whole: int) -> str:
 
 
 def _span(first_s: float, last_s: float) -> str:
-    """Return a range of times, to the second."""
+    """Return a time, or a range of times to the second."""
     first, last = math.floor(first_s), math.ceil(last_s)
-    return f"{first_s:.0f}" if first_s == last_s else f"{first} to {last}"
+    return f"{first_s:g}" if first_s == last_s else f"{first} to {last}"
