@@ -130,7 +130,11 @@ class Outcome:
         share = percent(int(np.count_nonzero(self.accepted)), len(self.matches))
         if self.matches.settings.precision is None:
             return f"{share} of them would be accepted at precision {self.precision:g}"
-        return f"{share} of them are accepted at precision {self.precision:g}"
+        near = self.matches.settings.exclusion
+        return (
+            f"{share} of them are accepted at precision {self.precision:g}, which is promised "
+            f"within {near} windows of the true place"
+        )
 
     def _accepted(self) -> str:
         if self.precision is None or self.found is None:
