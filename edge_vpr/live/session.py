@@ -93,6 +93,7 @@ class LiveStatus(NamedTuple):
     filled: float = 0.0
     lost_link: str = ""  #: Why the link is disconnected; empty while it is open.
     dead_s: float = 0.0  #: Seconds for which the link was disconnected, in all so far.
+    max_age_s: float = math.inf  #: Age beyond which a match is lost.
 
 
 class LiveSession:
@@ -382,6 +383,7 @@ class LiveSession:
         self._lag = LagWatch(self.health, window_us, self._say, live=self._reader.live)
         self._misfits = MisfitWatch(self.health, self._say)
         self._begin_s = self._beat_s = time.monotonic()
+        self._newest_max_age_s = math.inf
         self._opened = True
 
     def stop(self) -> None:
@@ -504,7 +506,9 @@ class LiveSession:
         if not self._opened:
             return LiveStatus(self.health)
         reader = self._reader
-        return LiveStatus(self.health, self._live.filled, reader.lost_link, reader.dead_s)
+        return LiveStatus(
+            self.health, self._live.filled, reader.lost_link, reader.dead_s, self._newest_max_age_s
+        )
 
     @property
     def bursts_removed(self) -> int:
@@ -560,6 +564,8 @@ class LiveSession:
         if not result.matches.size or reference is None or locator is None:
             return ()
         self._beat_s = time.monotonic()
+        newest = MatchRow._make(result.matches[-1].tolist())
+        self._newest_max_age_s = self._oldest_s((newest.time_us - newest.start_us) / 1e6)
         delay, found = reference.settings.match_delay, []
         rows = map(MatchRow._make, result.matches.tolist())
         every = zip(rows, result.missing, result.at, result.jumps, strict=True)

@@ -458,6 +458,11 @@ def parsed(words):
     return parser.parse_args(words)
 
 
+def test_two_limits_of_memory_are_refused(capsys):
+    assert main(["estimate", "--fit", "512KiB", "--fit", "128KiB"]) == 2
+    assert "which is of flash and RAM together" in capsys.readouterr().err
+
+
 def test_a_budget_of_power_needs_a_power():
     """A target without a constant cannot be held against milliwatts."""
     within = Limits(targets.find("pi-5"), [Budget.parse("10mW")])

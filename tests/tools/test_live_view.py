@@ -111,6 +111,7 @@ def test_a_terminal_shows_the_place_its_age_and_every_notice_at_any_size(map_fil
     # nothing comes: the place is of the past, and for how long is said
     run.resize(100, 30)
     run.wait_for(lambda text: "nothing came for 2 s" in text)
+    run.wait_for(lambda text: "lost, last at place " in text)
     run.wait_for(lambda text: "no bytes for 1 s from" in text)
     assert run.colour_of("of 29 (") == "brightblack"
     assert run.colour_of("no bytes for 1 s") == "brown"

@@ -302,6 +302,10 @@ def test_health_is_for_a_watchdog(monkeypatch):
         server.send("match", json.dumps({"kind": "match", "place": 7, "age_s": 100.0}))
         status, _, match = asked_health()
         assert (status, match["place"]) == (200, 7) and match["age_s"] >= 100
+        for most, lost in ((200.0, False), (50.0, True)):
+            server.send("health", json.dumps({**HEALTH, "max_age_s": most}))
+            server.send("match", json.dumps({"kind": "match", "lost": False, "age_s": 100.0}))
+            assert asked_health()[2]["lost"] is lost
         server.send("health", json.dumps({**HEALTH, "silent_s": 3.2}))
         assert asked_health()[:2] == (503, "nothing came for 3 s")
         server.send("health", json.dumps({**HEALTH, "lost_link": "port: gone"}))

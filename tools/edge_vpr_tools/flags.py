@@ -42,7 +42,7 @@ def add_reading_arguments(
     group.add_argument(
         "--sensor",
         metavar="WxH",
-        help="size of the sensor, such as 346x260 (default: the file's, or of a query the map's)",
+        help="size of the sensor, such as 346x260 (default: the file's or the map's)",
     )
     if on_fault:
         group.add_argument(

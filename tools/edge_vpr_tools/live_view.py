@@ -377,6 +377,7 @@ class View:
             **asdict(status.health),
             "faults": status.health.faults,
             "dead_s": status.dead_s,
+            "max_age_s": status.max_age_s if math.isfinite(status.max_age_s) else None,
             "lost_link": status.lost_link,
             "rate": self._rate,
             "lag_ms": 1e3 * self._lag_s,
@@ -396,7 +397,8 @@ class View:
             texts["health"] = "link lost" if str(health) == "no faults" else f"link lost, {health}"
             return texts
         if (newest := self._newest) is not None:
-            texts["place"] = "lost, at best " * newest.lost + (
+            gone = health.silent_s > status.max_age_s
+            texts["place"] = ("lost, last at " if gone else "lost, at best " * newest.lost) + (
                 f"place {newest.place} of {self._places}"
                 f" ({100 * self._position(filled):.0f} % of the route)"
             )

@@ -8,6 +8,7 @@ import hashlib
 import io
 import ipaddress
 import json
+import math
 import re
 import socket
 import threading
@@ -226,6 +227,8 @@ class MatchServer(ThreadingHTTPServer):
         if match is not None:
             newest = json.loads(match.line)
             newest["age_s"] = (newest.get("age_s") or 0.0) + now - match.at_s
+            if newest["age_s"] > (found.get("max_age_s") or math.inf):
+                newest["lost"] = True
         return {"ok": not why, "why": why, "health": found or None, "match": newest}
 
     # connections

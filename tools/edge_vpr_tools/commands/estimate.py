@@ -151,6 +151,11 @@ def run(args: argparse.Namespace) -> None:
 
     targets = list(dict.fromkeys(find(name) for name in args.target or names()))
     budgets = [search.Budget.parse(text) for text in args.fit]
+    if len({budget.quantity for budget in budgets}) < len(budgets):
+        raise UsageError(
+            f"--fit {' --fit '.join(args.fit)}: give one limit of memory, which is of flash and "
+            "RAM together, and one of power"
+        )
     try:
         design, mission, rate_is = asked_for(args)
     except DesignError as error:

@@ -208,7 +208,8 @@ def show_sources(targets: Sequence[Target], costs: Mapping[Target, Cost]) -> Non
             compiler, cpi = firmware()[target.core].compiler, three(Spread(*target.cpi))
             _say(
                 f"{target.name}: instructions of the reference firmware ({compiler}, "
-                f"{target.core}); cycles per instruction {cpi}: {target.cpi_source}"
+                f"{target.core}) at {target.clock_hz / 1e6:,.0f} MHz; cycles per instruction "
+                f"{cpi}: {target.cpi_source}"
             )
         if target.logic_cells:
             furthest = max(map(abs, core_area.errors().values()))
