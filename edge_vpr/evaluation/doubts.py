@@ -11,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from edge_vpr.evaluation.tracks import (
+    APART_M,
     SHORT_GAP_US,
     USUAL_GAPS,
     Bools,
@@ -150,9 +151,6 @@ def track_notes(track: Track) -> tuple[str, ...]:
     return found
 
 
-#: Two receivers on one vehicle, or before and after a jump, are at least so far apart. Chosen by
-#: judgement: fixes of one receiver, each 1 s, are rarely as far from the line of their neighbours.
-_APART_M = 10.0
 #: In a longer step, a vehicle can brake or turn by as much.
 _STEP_OF_JUMP_S = 1.5
 #: Reasons are found in logs of at least so many points.
@@ -176,7 +174,7 @@ def _two_receivers(track: Track) -> Iterator[str]:
     if track.time_us.size < _FEWEST:
         return
     apart_m, same_m = (float(np.median(_off_line(track, k))) for k in (1, 2))
-    if apart_m > max(_APART_M, 3 * same_m):
+    if apart_m > max(APART_M, 3 * same_m):
         yield (
             f"its positions change between two tracks {apart_m:.0f} m apart, as of two receivers: "
             "keep those of one"
@@ -196,7 +194,7 @@ def _jumps(track: Track) -> Iterator[str]:
         distances(track.kind, points[:-1] + velocity[k : k + len(seconds)] * seconds, points[1:])
         for k in (0, 1, 3, 4)
     ])  # fmt: skip
-    large = off_m > max(_APART_M, 10 * float(np.median(_off_line(track, 1))))
+    large = off_m > max(APART_M, 10 * float(np.median(_off_line(track, 1))))
     # a single wrong position makes two large steps
     jumps = large & ~np.roll(large, 1) & ~np.roll(large, -1) & (seconds[:, 0] <= _STEP_OF_JUMP_S)
     if jumps.any():

@@ -13,7 +13,7 @@ import numpy.typing as npt
 
 from edge_vpr.errors import GroundTruthError
 from edge_vpr.evaluation.fixes import Fixes
-from edge_vpr.evaluation.tracks import great_circle
+from edge_vpr.evaluation.tracks import APART_M, great_circle
 
 _DAY_US = 86_400_000_000
 _HOUR_US = 3_600_000_000
@@ -28,10 +28,6 @@ _LATE_US = 2_000_000
 #: Clocks are set back by at most the seconds between GPS time and UTC, which a receiver learns
 #: minutes after its first fix; by more, the log holds two drives.
 _LEAP_US = 60_000_000
-
-
-#: Two sentences of one receiver and one instant are never so far apart.
-_APART_M = 10.0
 
 
 def is_nmea(text: str) -> bool:
@@ -97,7 +93,7 @@ def read_nmea(text: str) -> Fixes:
     if pairs:
         both = np.array([[timed[row].position for row in pair] for pair in pairs])
         apart_m = float(np.median(great_circle(both[:, 0], both[:, 1])))
-        if apart_m > _APART_M:
+        if apart_m > APART_M:
             notes.append(
                 f"sentences of one instant are {apart_m:.0f} m apart, as of two receivers: keep "
                 "those of one, such as of one talker"

@@ -29,6 +29,10 @@ SHORT_GAP_US = 5_000_000
 #: A longer gap is interpolated if the typical gap of the log is at least a fifth of it: a car's
 #: positions between points of 20 s are off by less than 60 m in 95 of 100 cases.
 USUAL_GAPS = 5
+#: Two receivers on one vehicle are at least so far apart, and points of one of them are hardly ever
+#: so far off: from a sentence of the same instant, or from the line of their neighbours in time.
+#: Chosen by judgement.
+APART_M = 10.0
 #: Times of a track may be off whole microseconds by less: products of seconds are.
 _ROUNDING_US = 1e-2
 

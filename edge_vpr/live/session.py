@@ -564,13 +564,12 @@ class LiveSession:
         if not result.matches.size or reference is None or locator is None:
             return ()
         self._beat_s = time.monotonic()
-        newest = MatchRow._make(result.matches[-1].tolist())
-        self._newest_max_age_s = self._oldest_s((newest.time_us - newest.start_us) / 1e6)
         delay, found = reference.settings.match_delay, []
         rows = map(MatchRow._make, result.matches.tolist())
         every = zip(rows, result.missing, result.at, result.jumps, strict=True)
         for row, missing, at, jumps in every:
             age_s = self._lag.age_s(row.time_us, self._beat_s)
+            self._newest_max_age_s = self._oldest_s((row.time_us - row.start_us) / 1e6)
             then_us = host_us - (result.reached_us - row.time_us) * (delay > 0)
             if not math.isnan(age_s):
                 then_us = int(1e6 * (time.time() - age_s))
@@ -581,7 +580,7 @@ class LiveSession:
                     distance=row.distance, second=row.second, second_distance=row.second_distance,
                     ratio=row.ratio, events=row.events, start_s=row.start_us / 1e6,
                     trust=row.trust, misfit=row.misfit, probability=row.probability,
-                    lost=row.lost or age_s > self._oldest_s((row.time_us - row.start_us) / 1e6),
+                    lost=row.lost or age_s > self._newest_max_age_s,
                     missing=missing, age_s=age_s, host_us=then_us, jumps=jumps, **where,
                 )
             )  # fmt: skip
