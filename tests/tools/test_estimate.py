@@ -128,9 +128,9 @@ def test_bytes_are_those_that_the_firmware_asks_for(seed, m4):
     at_image, at_design = emulator.put(flash), emulator.put(bytes(512))
     size = counts.sizes(design)
     # a byte less is refused
-    assert emulator.call("vpr_open", at_design, at_image, size.flash_bytes - 1) & 1 == 0
-    assert emulator.call("vpr_open", at_design, at_image, size.flash_bytes) & 1 == 1
-    assert emulator.call("vpr_ram_bytes", at_design) == size.ram_bytes
+    assert emulator.call("vpr_open", at_design, at_image, size.image_bytes - 1) & 1 == 0
+    assert emulator.call("vpr_open", at_design, at_image, size.image_bytes) & 1 == 1
+    assert emulator.call("vpr_ram_bytes", at_design) == size.state_bytes
 
 
 @pytest.mark.slow
@@ -264,9 +264,14 @@ def test_one_table_has_matches_per_joule_by_the_rate_of_events(capsys):
     shown = capsys.readouterr().out
     rows = rows_of(shown)
     assert set(rows) == set(targets.names())
-    assert rows["cortex-m0plus"][2:] == ["unknown", "-", "-", "-"]
-    assert rows["pi-5"][2:] == ["unknown", "-", "-", "-"]
+    assert rows["cortex-m0plus"][4:] == rows["pi-5"][4:] == ["-", "-", "-", "-"]
     for name, told in found["targets"].items():
+        clock, flash, ram, time = rows[name][:4]
+        assert float(clock) == told["clock_hz"] / 1e6 == targets.find(name).clock_hz / 1e6
+        memory = told["memory"]
+        assert float(flash.replace("-", "0")) == pytest.approx(memory["flash_bytes"] / 1024, 6e-3)
+        assert float(ram) == pytest.approx(memory["ram_bytes"] / 1024, 6e-3)
+        assert float(time) == pytest.approx(1e3 * told["load"]["central"], 6e-3)
         by_rate = told["matches_per_joule_at_events_per_s"]
         assert list(by_rate) == ["10000", "100000", "1e+06"]
         if told["energy_j"] is None:
@@ -274,16 +279,20 @@ def test_one_table_has_matches_per_joule_by_the_rate_of_events(capsys):
             continue
         values = [of["central"] for of in by_rate.values()]
         assert values[0] > 2 * values[1] > 10 * values[2]
-        cells = rows[name.removeprefix("Raspberry ")][3:]
-        assert [float(cell.replace(",", "")) for cell in cells] == pytest.approx(values, rel=6e-3)
+        cells = [cell.replace(",", "").replace("k", "e3") for cell in rows[name][4:]]
+        values.insert(0, 1e6 * told["per_match_j"]["central"])
+        assert [float(cell) for cell in cells] == pytest.approx(values, rel=6e-3)
     text = joined(shown)
     assert "the work alone, without the camera and the board at rest" in text
-    assert "at 100,000 events/s (an assumption)" in text and "modelled" in text
+    assert "at 100,000 events/s of the whole sensor (an assumption)" in text and "modelled" in text
     assert main(["estimate", "--event-rate", "2e6", "--target", "cortex-m0plus"]) == 0
     shown = capsys.readouterr().out
-    assert "at 2,000,000 events/s (as given)" in joined(shown)
-    assert rows_of(shown)["cortex-m0plus"][1] == "too slow"
+    assert "at 2,000,000 events/s of the whole sensor (as given)" in joined(shown)
+    assert float(rows_of(shown)["cortex-m0plus"][3].replace(",", "")) > 1_000
     assert "Over its limits: cortex-m0plus (its speed)" in joined(shown)
+    assert main(["estimate", "--places", "60000", "--target", "cortex-m0plus"]) == 0
+    shown = capsys.readouterr().out
+    assert rows_of(shown)["cortex-m0plus"][5:] == ["slow"] * 3 and "slow: does not" in joined(shown)
 
 
 def test_the_energy_of_a_match_is_that_of_events_window_and_search():
@@ -425,7 +434,8 @@ def test_the_rovers_question_is_one_command(tmp_path, capsys):
     assert main([*rover, "--json"]) == 0
     chosen = json.loads(capsys.readouterr().out)["recommended"]["ice40up5k"]["best"]
     device = chosen["device"]
-    assert device["memory_bytes"] <= 64 * 1024 and device["cost"]["whole_w"]["central"] <= 5e-3
+    assert device["memory"]["ram_bytes"] <= 64 * 1024
+    assert device["cost"]["whole_w"]["central"] <= 5e-3
     assert device["design"]["places"] in (800, 1_600) and device["limited_by"] == ""
     places = device["design"]["places"]
     assert rows["ice40up5k"][2] == f"{places:,}, {chosen['tried']['places_per_window']}"
@@ -458,9 +468,31 @@ def parsed(words):
     return parser.parse_args(words)
 
 
-def test_two_limits_of_memory_are_refused(capsys):
-    assert main(["estimate", "--fit", "512KiB", "--fit", "128KiB"]) == 2
-    assert "which is of flash and RAM together" in capsys.readouterr().err
+def test_two_limits_of_the_same_are_refused(capsys):
+    for twice in (["512KiB", "128KiB"], ["ram=4KiB", "RAM=8kB"]):
+        assert main(["estimate", "--fit", twice[0], "--fit", twice[1]]) == 2
+        assert "one limit each of flash, RAM, both together, and power" in capsys.readouterr().err
+
+
+def test_flash_and_ram_are_limits_apart():
+    """Each to the byte, alone and together; an FPGA has RAM alone."""
+    m4, ice = targets.find("cortex-m4"), targets.find("ice40up5k")
+    flash, ram, program = on_target(SMALL, RATE, Limits(m4)).memory
+    size, row = counts.sizes(SMALL), firmware()["cortex-m4"]
+    assert (flash, program) == (size.image_bytes + row.code_bytes, row.code_bytes)
+    assert ram == size.state_bytes + row.stack_bytes
+
+    def broken(target, *texts):
+        limits = Limits(target, [Budget.parse(text) for text in texts])
+        return on_target(SMALL, RATE, limits).limited_by
+
+    assert broken(m4, f"flash={flash}B", f"ram={ram}B", f"{flash + ram}B") == ""
+    assert broken(m4, f"flash={flash}B", f"RAM={ram - 1}B") == f"RAM={ram - 1}B"
+    assert broken(m4, f"flash={flash - 1}B", f"ram={ram}B") == f"flash={flash - 1}B"
+    assert broken(m4, f"{flash + ram - 1}B") == f"{flash + ram - 1}B"
+    packed = size.packed_bytes
+    assert broken(ice, "flash=1B", f"ram={packed}B", f"{packed}B") == ""
+    assert broken(ice, f"ram={packed - 1}B") == f"ram={packed - 1}B"
 
 
 def test_a_budget_of_power_needs_a_power():
@@ -469,7 +501,7 @@ def test_a_budget_of_power_needs_a_power():
     assert on_target(SMALL, RATE, within).limited_by == POWER
     assert Budget.parse("10mW").limit == pytest.approx(0.01)
     assert Budget.parse("500µW") == replace(Budget.parse("500uW"), text="500µW")
-    for text in ("10", "mW", "-3KiB", "0KiB", "3 apples"):
+    for text in ("10", "mW", "-3KiB", "0KiB", "3 apples", "ram=3mW", "rom=3KiB"):
         with pytest.raises(UsageError, match="expected memory or power"):
             Budget.parse(text)
 

@@ -124,7 +124,7 @@ RUNS = [
     ("ports --json", 0),
     ("estimate --pixels 5 --places 20 --counter-bits 3 --lanes 2 --event-rate 1e4 "
      "--target cortex-m4 --json", 0),
-    ("estimate --places-per-window 1 --fit 64KiB --target cortex-m0plus", 0),
+    ("estimate --places-per-window 1 --fit 64KiB --fit ram=8KiB --target cortex-m0plus", 0),
     ("estimate --design {f}/design.toml --target cortex-m4 --sources", 0),
     ("estimate --map {f}/wide_map.npz --target cortex-m4", 0),
     ("golden --design {f}/design.toml -o {f}/vectors --seed 1", 0),

@@ -940,7 +940,7 @@ def test_an_interrupt_that_a_library_drops_is_raised_before_the_next_window(monk
     assert signal.getsignal(signal.SIGINT) is ours
 
 
-def test_two_profiles_are_compared_by_their_intervals(profile, tmp_path, capsys):
+def test_two_profiles_are_compared_by_their_intervals(profile, tmp_path, capsys, monkeypatch):
     """952 and 1,098 matches a joule of one power overlap; half of the energy does not."""
     found = json.loads((profile / "profile.json").read_text())
     windows, time_s, watts = synthetic(np.random.default_rng(5))
@@ -952,8 +952,9 @@ def test_two_profiles_are_compared_by_their_intervals(profile, tmp_path, capsys)
         of = {"matches_per_joule": value, "matches_per_joule_interval": bounds}
         of = energy | {"figures": energy["figures"] | of}
         (tmp_path / name / "profile.json").write_text(json.dumps(found | {"energy": of}))
+    monkeypatch.chdir(tmp_path)
     for other, says in (("b", "overlap"), ("c", "apart")):
-        sides = [str(tmp_path / name) for name in ("a", other)]
+        sides = ["a", other]
         assert main(["profile", "compare", *sides, "--json"]) == 0
         told = json.loads(capsys.readouterr().out)["figures"]["matches_per_joule"]
         assert told["intervals"] == says
@@ -962,7 +963,7 @@ def test_two_profiles_are_compared_by_their_intervals(profile, tmp_path, capsys)
         shown = " ".join(capsys.readouterr().out.split())
         line = shown[shown.index("matches per joule") :].partition("events per second")[0]
         assert "952 (870 to 1,050)" in line and says in line
-        assert "_" not in shown.partition("intervals are of")[0].replace(str(tmp_path), "")
+        assert "_" not in shown.partition("intervals are of")[0]
 
 
 def test_a_profile_is_read_back_as_it_was_written(profile):

@@ -319,7 +319,7 @@ def table(
 
     shown = Table(title=None if title is None else _plain(title))
     for i, name in enumerate(header):
-        shown.add_column(_plain(name), justify="left" if i == 0 else "right")
+        shown.add_column(_plain(name), justify="left" if i == 0 else "right", overflow="fold")
     for row in rows:
         shown.add_row(*map(_plain, row))
     _console(width).print(shown)

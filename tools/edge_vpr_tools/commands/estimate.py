@@ -21,7 +21,7 @@ PLACES = 1_000
 EXAMPLES = """\
   edge-vpr estimate --pixels 83 --places 2000 --target cortex-m4
   edge-vpr estimate --map monday.npz
-  edge-vpr estimate --places 1600 --fit 64KiB --fit 5mW"""
+  edge-vpr estimate --places 1600 --fit flash=256KiB --fit ram=32KiB --fit 5mW"""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -57,9 +57,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )  # fmt: skip
     asked.add_argument(
         "--fit", action="append", metavar="LIMIT", default=[],
-        help="limit on memory or power, such as 64KiB or 10mW; may be repeated; recommends pixels, "
-        "bits and places per window for each target, or says whether the design of --map or "
-        "--design fits",
+        help="limit such as flash=256KiB, ram=32KiB, 64KiB (both together) or 10mW; may be "
+        "repeated; recommends pixels, bits and places per window for each target, or says whether "
+        "the design of --map or --design fits",
     )  # fmt: skip
     asked.add_argument(
         "--sources", action="store_true",
@@ -153,14 +153,14 @@ def run(args: argparse.Namespace) -> None:
     budgets = [search.Budget.parse(text) for text in args.fit]
     if len({budget.quantity for budget in budgets}) < len(budgets):
         raise UsageError(
-            f"--fit {' --fit '.join(args.fit)}: give one limit of memory, which is of flash and "
-            "RAM together, and one of power"
+            f"--fit {' --fit '.join(args.fit)}: give one limit each of flash, RAM, both together, "
+            "and power"
         )
     try:
         design, mission, rate_is = asked_for(args)
     except DesignError as error:
         raise UsageError(str(error)) from error
-    values = {"schema": 4, "energy_is": "modelled", "includes": show.WORK, "mission": mission}
+    values = {"schema": 5, "energy_is": "modelled", "includes": show.WORK, "mission": mission}
     if budgets and args.map is None and args.design is None:
         recommended = {
             of: search.recommend(design, mission, search.Limits(of, budgets)) for of in targets
@@ -185,7 +185,7 @@ def run(args: argparse.Namespace) -> None:
             "targets": {
                 of.name: {
                     "design": one.design,
-                    "memory_bytes": one.memory_bytes,
+                    "memory": one.memory,
                     "limited_by": one.limited_by,
                     **to_json(one.cost),
                     "matches_per_joule_at_events_per_s": {

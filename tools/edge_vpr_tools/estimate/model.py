@@ -78,10 +78,10 @@ class Sizes:
 
     place_bytes: int  #: One place: its codes packed without gaps, and the filter's activity.
     packed_bytes: int  #: All memories of the device, without gaps.
-    #: flash_bytes, ram_bytes: image and arrays of the reference firmware in C, which keeps a byte a
-    #: code; without its code, structures and stack.
-    flash_bytes: int
-    ram_bytes: int
+    #: image_bytes, state_bytes: of the reference firmware in C, which keeps a byte a code: the map
+    #: and its tables, and the arrays in RAM.
+    image_bytes: int
+    state_bytes: int
 
 
 def sizes(design: Design) -> Sizes:
@@ -90,8 +90,8 @@ def sizes(design: Design) -> Sizes:
     return Sizes(
         place_bytes=packed_bytes(design.slots, design.code_bits) + design.filters,
         packed_bytes=-(-bits // 8),
-        flash_bytes=image_bytes(design),
-        ram_bytes=ram_bytes(design),
+        image_bytes=image_bytes(design),
+        state_bytes=ram_bytes(design),
     )
 
 
@@ -188,6 +188,7 @@ class Cost:
     energy of a match is that of all three.
     """
 
+    clock_hz: float  #: Of the target, an assumption.
     instructions: dict[str, float] | None  #: Processors only.
     #: Of the core, predicted from measured netlists; FPGAs that there are such of.
     logic_cells: int | None
@@ -239,6 +240,7 @@ def cost(design: Design, target: Target, mission: Mission) -> Cost:
     whole = None if marginal is None or idle is None else marginal + idle
     per_match = None if marginal is None else marginal * (1 / mission.matches_per_s)
     return Cost(
+        clock_hz=target.clock_hz,
         instructions=instructions,
         logic_cells=cells,
         cycles=taken,

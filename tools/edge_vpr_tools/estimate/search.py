@@ -41,20 +41,39 @@ POWER = "power unknown"
 
 @dataclass(frozen=True)
 class Budget:
-    """An upper limit in bytes of memory, or in watts."""
+    """An upper limit in bytes of flash, of RAM or of both together, or in watts."""
 
     text: str
-    quantity: str
+    quantity: str  #: {"flash", "ram", "bytes", "watts"}
     limit: float
 
     @classmethod
     def parse(cls, text: str) -> Budget:
-        """Read ``64KiB`` or ``10mW``."""
-        form = re.fullmatch(r"\s*(\d+(?:\.\d*)?|\.\d+)\s*([a-zA-Zµ]+)\s*", text)
-        if form and form[2].lower() in _UNITS and float(form[1]) > 0:
-            quantity, factor = _UNITS[form[2].lower()]
-            return cls(text, quantity, float(form[1]) * factor)
-        raise UsageError(f"budget {text!r}: expected memory or power, such as 64KiB or 10mW")
+        """Read ``flash=256KiB``, ``ram=32KiB``, ``64KiB`` for both together, or ``10mW``."""
+        form = re.fullmatch(
+            r"\s*(?:(flash|ram)=)?(\d+(?:\.\d*)?|\.\d+)\s*([a-zµ]+)\s*", text.lower()
+        )
+        if form and form[3] in _UNITS and float(form[2]) > 0:
+            quantity, factor = _UNITS[form[3]]
+            if quantity == "bytes" or not form[1]:
+                return cls(text, form[1] or quantity, float(form[2]) * factor)
+        raise UsageError(
+            f"budget {text!r}: expected memory or power, such as 64KiB, ram=8KiB or 10mW"
+        )
+
+
+class DeviceMemory(NamedTuple):
+    """Memory that a design takes on a target."""
+
+    flash_bytes: int  #: Image and program of the reference firmware; 0 on an FPGA.
+    #: Arrays and stack of the firmware, without its structures; on an FPGA all memories, packed.
+    ram_bytes: int
+    program_bytes: int  #: Of the flash, functions and constants of the firmware.
+
+    @property
+    def total(self) -> int:
+        """Flash and RAM."""
+        return self.flash_bytes + self.ram_bytes
 
 
 @dataclass(frozen=True)
@@ -64,7 +83,7 @@ class DesignOnTarget:
     design: Design
     mission: Mission
     cost: Cost
-    memory_bytes: int
+    memory: DeviceMemory
     limited_by: str  #: The exceeded limit; empty if it fits.
 
 
@@ -76,26 +95,23 @@ class Limits:
     budgets: Sequence[Budget] = ()
 
 
-def memory_bytes(design: Design, target: Target) -> int:
-    """Return the memory that a budget is held against.
-
-    On a processor it is what the reference firmware in C takes, flash and RAM with code and stack;
-    on others it is all memories, packed.
-    """
+def memory_on(design: Design, target: Target) -> DeviceMemory:
+    """Return the memory that a budget is held against."""
+    size = sizes(design)
     if target.kind != "processor":
-        return sizes(design).packed_bytes
-    program, size = firmware()[target.core], sizes(design)
-    return size.flash_bytes + size.ram_bytes + program.code_bytes + program.stack_bytes
+        return DeviceMemory(0, size.packed_bytes, 0)
+    code, stack = firmware()[target.core].code_bytes, firmware()[target.core].stack_bytes
+    return DeviceMemory(size.image_bytes + code, size.state_bytes + stack, code)
 
 
 def on_target(design: Design, mission: Mission, limits: Limits) -> DesignOnTarget:
     """Estimate a design on a target, and check whether it fits."""
     of = cost(design, limits.target, mission)
-    used = memory_bytes(design, limits.target)
+    used = memory_on(design, limits.target)
     return DesignOnTarget(design, mission, of, used, _broken_by(design, of, used, limits))
 
 
-def _broken_by(design: Design, of: Cost, used: int, limits: Limits) -> str:
+def _broken_by(design: Design, of: Cost, used: DeviceMemory, limits: Limits) -> str:
     """Return which budget or limit of the target a design exceeds; empty if none."""
     target = limits.target
     if target.kind == "processor":
@@ -109,9 +125,10 @@ def _broken_by(design: Design, of: Cost, used: int, limits: Limits) -> str:
         return LOGIC_CELLS
     if of.load.low >= 1:
         return SPEED
+    taken = {"flash": used.flash_bytes, "ram": used.ram_bytes, "bytes": used.total}
     for budget in limits.budgets:
-        if budget.quantity == "bytes":
-            over = used > budget.limit
+        if budget.quantity in taken:
+            over = taken[budget.quantity] > budget.limit
         else:
             # a board that takes more at rest exceeds the budget whatever its work takes
             at_rest = of.whole_w is None and of.idle_w is not None and of.idle_w.low > budget.limit
@@ -226,15 +243,15 @@ def recommend(design: Design, mission: Mission, limits: Limits) -> Recommendatio
         found.append(Candidate(size, device))
     fitting = [one for one in found if not one.device.limited_by]
     if not fitting:
-        smallest = min(found, key=lambda one: one.device.memory_bytes)
+        smallest = min(found, key=lambda one: one.device.memory.total)
         return Recommendation(None, smallest.device.limited_by)
     most_correct = max(fitting, key=lambda one: one.tried.accuracy)
     best = most_correct.tried
     as_good = [one for one in fitting if one.tried.accuracy >= best.accuracy - best.error]
-    chosen = min(as_good, key=lambda one: (one.device.memory_bytes, -one.tried.accuracy))
+    chosen = min(as_good, key=lambda one: (one.device.memory.total, -one.tried.accuracy))
     better = [one for one in found if one.tried.accuracy > best.accuracy + best.error]
     # the limit that the smallest of the better ones exceeds
     limit = ""
     if better:
-        limit = min(better, key=lambda one: one.device.memory_bytes).device.limited_by
+        limit = min(better, key=lambda one: one.device.memory.total).device.limited_by
     return Recommendation(chosen, limit, most_correct)

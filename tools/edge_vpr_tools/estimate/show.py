@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 
-from edge_vpr_tools.console import say, table
+from edge_vpr_tools.console import number_of, say, table
 from edge_vpr_tools.estimate import core_area
 from edge_vpr_tools.estimate.model import Cost, Mission, firmware, search_work, sizes
 from edge_vpr_tools.estimate.search import (
@@ -20,14 +20,31 @@ from firmware_model.design import Design
 
 #: of tables and paragraphs, in columns
 WIDTH = 80
-UNKNOWN = "unknown"
+#: cells of what is not known, or does not exist, and of a target that does not keep up
+UNKNOWN, SLOW = "-", "slow"
 #: what every figure of matches per joule includes
+MEMORY, ENERGY = ["flash\nKiB", "RAM\nKiB"], "energy\nµJ"
 WORK = "the work alone, without the camera and the board at rest"
 
 
 def size_text(number: float) -> str:
     """Return bytes, in KiB where they are many."""
-    return f"{number:,.0f} B" if number < 10_240 else f"{number / 1024:,.3g} KiB"
+    return f"{number:,.0f} B" if number < 10_240 else f"{float(f'{number / 1024:.3g}'):,g} KiB"
+
+
+def short(value: float) -> str:
+    """Return three significant digits, below 0.1 two, in few characters for a narrow table.
+
+    Examples
+    --------
+    >>> short(0.0505), short(24.97), short(5_562.0), short(181_072.0)
+    ('0.051', '25', '5,560', '181k')
+    """
+    value = float(f"{value:.{2 if value < 0.1 else 3}g}")
+    for factor, prefix in ((1e6, "M"), (1e3, "k")):
+        if value >= 10 * factor:
+            return f"{value / factor:,.4g}{prefix}"
+    return f"{value:,g}"
 
 
 def three(value: Spread) -> str:
@@ -35,24 +52,23 @@ def three(value: Spread) -> str:
     return f"{value.central:g} ({value.low:g} to {value.high:g})"
 
 
-def per_joule(of: Cost) -> str:
-    """Return the matches per joule of the work for a cell of a table."""
-    if of.load.low >= 1:
-        return "too slow"
-    if of.matches_per_joule is None:
-        return "-"
-    value = of.matches_per_joule.central
-    return f"{float(f'{value:.3g}'):,.{0 if value >= 100 else 1}f}"
+def _memory(of: DesignOnTarget) -> list[str]:
+    return [short(of.memory.flash_bytes / 1024) if of.memory.flash_bytes else UNKNOWN,
+            short(of.memory.ram_bytes / 1024)]  # fmt: skip
 
 
 def _time(of: DesignOnTarget) -> str:
-    if of.cost.load.low >= 1:
-        return "too slow"
-    return quantity(of.cost.load.central / of.mission.matches_per_s, "s")
+    return short(1e3 * of.cost.load.central / of.mission.matches_per_s)
 
 
 def _energy(of: Cost) -> str:
-    return UNKNOWN if of.per_match_j is None else quantity(of.per_match_j.central, "J")
+    return UNKNOWN if of.per_match_j is None else short(1e6 * of.per_match_j.central)
+
+
+def _per_joule(of: Cost) -> str:
+    if of.load.low >= 1:
+        return SLOW
+    return UNKNOWN if of.matches_per_joule is None else short(of.matches_per_joule.central)
 
 
 def show_design(
@@ -74,25 +90,28 @@ def show_design(
     """
     rates = list(next(iter(at_rates.values())))
     rows = [
-        [target.name, size_text(of.memory_bytes), _time(of), _energy(of.cost),
-         *(per_joule(at_rates[target][rate]) for rate in rates)]
+        [target.name, f"{of.cost.clock_hz / 1e6:.4g}", *_memory(of), _time(of), _energy(of.cost),
+         *(_per_joule(at_rates[target][rate]) for rate in rates)]
         for target, of in found.items()
     ]  # fmt: skip
-    powers = [f"10^{len(str(round(rate))) - 1}/s" for rate in rates]
+    powers = [f"10^{len(str(round(rate))) - 1}\n/s" for rate in rates]
     title = "a match; on the right, matches per joule by events/s (modelled)"
-    table(["target", "memory", "time", "energy", *powers], rows, title=title, width=WIDTH)
+    header = ["target", "MHz", *MEMORY, "time\nms", ENERGY, *powers]
+    table(header, rows, title=title, width=WIDTH)
     of = next(iter(found.values()))
     *operations, moved = search_work(of.design)
     match_s = 1 / of.mission.matches_per_s
     over = [f"{target.name} ({of.limited_by})" for target, of in found.items() if of.limited_by]
     text = (
-        f"{design_text(of.design)}. The search takes {sum(operations):,} operations, "
+        f"{design_text(of.design)}. A search of all places takes {sum(operations):,} operations, "
         f"{of.design.places * of.design.slots:,} of them differences of codes, and moves "
-        f"{size_text(moved)}. Matches per joule are of {WORK}, by the events per second of the "
-        "whole sensor; time and energy of a match, with its events, are at "
-        f"{of.mission.events_per_s:,.0f} events/s ({rate_is}), one match each {match_s:.3g} s"
-        f"{_within(found.values())}."
+        f"{size_text(moved)}. Flash holds the map and the C firmware; all memories of an FPGA are "
+        "RAM. Time and energy of a match, with its events, are at "
+        f"{of.mission.events_per_s:,.0f} events/s of the whole sensor ({rate_is}), one match every "
+        f"{match_s:.3g} s, at an assumed clock. {_energies(found.values())}"
     )
+    if any(SLOW in row for row in rows):
+        text += f" {SLOW}: does not keep up."
     if over:
         text += f" Over its limits: {', '.join(over)}."
     elif budgets:
@@ -102,14 +121,18 @@ def show_design(
     say(text, width=WIDTH)
 
 
-def _within(found: Iterable[DesignOnTarget]) -> str:
-    """Return how far the energies may be off by the spread of their constants."""
+def _energies(found: Collection[DesignOnTarget]) -> str:
+    """Return what energies include, and how far off they may be by their constants."""
     known = [of.cost.per_match_j for of in found if of.cost.per_match_j is not None]
     if not known:
-        return ""
+        return "Energy is unknown (--sources)."
     low = min(value.low / value.central for value in known)
     high = max(value.high / value.central for value in known)
-    return f"; energies may be {low:.2g} to {high:.2g} times these (--sources)"
+    unknown = "; - is unknown" * (len(known) < len(found))
+    return (
+        f"Energy, also in matches per joule, is of {WORK}; it may be {low:.2g} to {high:.2g} times "
+        f"this{unknown} (--sources)."
+    )
 
 
 def _not_at_rest(found: Mapping[Target, DesignOnTarget], budgets: Sequence[Budget]) -> str:
@@ -143,9 +166,9 @@ def design_text(of: Design) -> str:
     if of.filters:
         by = "place filter" + ", places at half windows" * (of.places_per_window == 2)
     return (
-        f"{of.pixels:,} of {of.width} x {of.height} pixels, {of.code_bits} "
-        f"bit{'s' * (of.code_bits > 1)} ({of.code}), {sizes(of).place_bytes} bytes per place "
-        f"packed, {of.places:,} places, {by}"
+        f"{of.pixels:,} of {of.width} x {of.height} pixels, {number_of(of.code_bits, 'bit')} "
+        f"({of.code}), {of.places:,} places of {sizes(of).place_bytes} bytes, packed as on an "
+        f"FPGA, {by}"
     )
 
 
@@ -164,26 +187,26 @@ def show_recommended(
             exceeded = f"{target.name} ({one.limit})"
             (none if one.best is None else limits).append(exceeded)
         if one.best is None:
-            rows.append([target.name, "none", "-", "-", "-", "-", "-"])
+            rows.append([target.name, "none", *["-"] * 6])
             continue
         size, device = one.best
         rows.append(
             [target.name, str(size.pixels), str(size.code_bits),
              f"{device.design.places:,}, {size.places_per_window}",
-             size_text(device.memory_bytes), _energy(device.cost), f"{size.accuracy:.3f}"]
+             *_memory(device), _energy(device.cost), f"{size.accuracy:.3f}"]
         )  # fmt: skip
         if one.most_correct is not None and one.most_correct != one.best:
             size, device = one.most_correct
             larger.append(
-                f"{target.name} {size.pixels} pixels, {size.code_bits} bits, "
-                f"{size.places_per_window} per window, {size_text(device.memory_bytes)} "
+                f"{target.name} {size.pixels} pixels, {number_of(size.code_bits, 'bit')}, "
+                f"{size.places_per_window} per window, {size_text(device.memory.total)} "
                 f"({size.accuracy:.3f})"
             )
     not_fitting = f"No design fits: {', '.join(none)}." if none else ""
     if len(none) == len(found):
         _say(not_fitting)
         return
-    header = ["target", "pixels", "bits", "places,\nper window", "memory", "energy", "correct"]
+    header = ["target", "pixels", "bits", "places,\nper window", *MEMORY, ENERGY, "correct"]
     table(header, rows, width=WIDTH)
     text = (
         f"The smallest of {len(tried_designs())} designs within "

@@ -72,8 +72,8 @@ def measure(draw: Draw) -> Iterator[Row]:
                 "includes": "what the work adds", "basis": "modelled", "events/s": rate,
                 "matches per joule": found.central, "low": found.low, "high": found.high,
                 "time (ms)": 1e3 * of.cost.load.central / mission.matches_per_s,
-                "memory (KiB)": of.memory_bytes / 1024,
-                "of it RAM (KiB)": sizes(design).ram_bytes / 1024
+                "memory (KiB)": of.memory.total / 1024,
+                "of it RAM (KiB)": sizes(design).state_bytes / 1024
                 if target.kind == "processor" else None,
                 "source": "edge-vpr estimate --sources",
             }  # fmt: skip
