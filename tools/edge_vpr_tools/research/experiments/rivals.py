@@ -50,7 +50,7 @@ from edge_vpr_tools.research.experiments.plots import costs
 PRECISION = 0.99
 #: sequences that are compared beside those of the drives; windows that the longest one does not
 #: match are not evaluated
-LENGTHS = (10, 20)
+LENGTHS = (1, 10, 20)
 LONGEST = max(LENGTHS)
 _DEFAULT = PRESETS["default"].replaced({"precision": PRECISION}, "rivals")
 
@@ -68,7 +68,8 @@ def decoders(length: int) -> dict[str, Decoder]:
     for windows in sorted({length, *LENGTHS}):
         sequences = PRESETS["paper"].replaced({"sequence_length": windows}, "rivals")
         lag = windows - 1 - middle_window(windows)
-        found[f"sequences of {windows}"] = Decoder(sequences, lag)
+        name = "single windows" if windows == 1 else f"sequences of {windows}"
+        found[name] = Decoder(sequences, lag)
     for name, changes, filter_lag in (
         ("place filter, live", {"smooth": False}, 0),
         ("place filter, 4 windows late", {"smooth": False, "delay": 4}, 4),
