@@ -80,6 +80,14 @@ def test_a_dot_is_the_mean_and_its_bar_the_spread():
     assert np.ptp(bar[:, 0]) == pytest.approx(0.4) and np.ptp(point[:, 0]) == 0
     assert [text.get_text() for text in drawing.legends[0].get_texts()] == ["x", "y"]
     assert plots.dots(rows[:4], ("P@100R",), "row").legends == []
+    # drives below each other have rows of their own, and the same colour for a series
+    other = [
+        {**row, "drives": "e, f"} for row in rows if row["row"] == "a" and row["series"] == "y"
+    ]
+    upper, lower = plots.dots([*rows, *other], ("P@100R",), "row", "series", columns=1).axes
+    assert [label.get_text() for label in lower.get_yticklabels()] == ["a"]
+    assert (upper.get_title(), lower.get_title()) == ("d", "e\nf")
+    assert np.isnan(dots(lower)[0]).all() and dots(lower)[1] == [pytest.approx(0.4)]
 
 
 def test_the_null_baselines_of_the_default_follow_it_on_simulated_streets(

@@ -51,8 +51,8 @@ def measure(draw: Draw) -> Iterator[Row]:
 
 
 def figure(rows: Rows) -> Figure:
-    """Draw correct matches against bytes per place, for every code."""
-    return lines(rows, x="bytes per place", y="P@100R", line="code")
+    """Draw correct matches against bits, for every code."""
+    return lines(rows, x="bits", y="P@100R", line="code")
 
 
 EXPERIMENT = Experiment(

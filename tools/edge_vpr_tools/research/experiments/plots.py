@@ -1,8 +1,7 @@
-"""Figures of experiments: three kinds, each declared by the columns that it shows."""
+"""Figures of experiments: two kinds, each declared by the columns that it shows."""
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from typing import Any
@@ -14,9 +13,11 @@ from matplotlib.figure import Figure
 from edge_vpr_tools.report.style import CYCLE, GREY, legend_below, look, name_label, panels
 from edge_vpr_tools.research.experiments.experiment import Rows
 
-_COLUMNS = 4
+#: most panels beside each other, so that a page shows them in a legible size
+_COLUMNS = 3
+#: least space between labelled ticks, as a share of the axis
+_APART = 0.08
 _MARKERS = "osD^vP"
-_LINE_HEIGHT = 0.32
 
 
 def dots(
@@ -25,6 +26,7 @@ def dots(
     row: str,
     series: str | None = None,
     *,
+    columns: int = _COLUMNS,
     promised: Mapping[str, float] | None = None,
 ) -> Figure:
     """Draw a panel per measure and pair of drives: means of trials as dots, a colour per series.
@@ -33,48 +35,60 @@ def dots(
 
     Parameters
     ----------
+    columns : int
+        Most panels beside each other, which share their rows.
     promised : mapping of str to float, optional
         Value of a measure that its panel marks; it shows the upper tenth alone.
     """
     drives = list(_by(rows, "drives"))
-    labels = list(dict.fromkeys(str(each[row]) for each in rows))
+    kinds = list(dict.fromkeys(each[series] for each in rows)) if series else [""]
     shown = [
-        (
-            measure,
-            measure if len(drives) == 1 else f"{measure}\n{name}",
-            list(_by(of, series)) if series else [("", of)],
-        )
+        (measure, "" if len(drives) == 1 else str(name).replace(", ", "\n"), of)
         for measure in measures
         for name, of in drives
     ]
-    several = len(shown[0][-1])
-    stacked = len(labels) * (1 + several) / 2
-    size = 3.4 + 3.2 * len(shown), 1.4 + _LINE_HEIGHT * stacked
-    with panels(1, len(shown), *size, sharey=True) as (drawing, (grid,)):
-        for axes, (measure, title, parts) in zip(grid, shown, strict=True):
-            for i, (name, those) in enumerate(parts):
-                trials = {str(label): _values(each, measure) for label, each in _by(those, row)}
-                found = [mean_and_spread(trials.get(label) or [np.nan]) for label in labels]
-                axes.errorbar(
-                    [mean for mean, _ in found],
+    columns = min(len(shown), columns)
+    beside = [shown[i : i + columns] for i in range(0, len(shown), columns)]
+    labels = [
+        list(dict.fromkeys(str(each[row]) for *_, of in line for each in of)) for line in beside
+    ]
+    heights = [1.4 + 0.12 * (1 + len(kinds)) * len(each) for each in labels]
+    size = 3.4 + 2.2 * columns, sum(heights)
+    shared: dict[str, Any] = {"sharey": "row", "height_ratios": heights}
+    with panels(len(beside), columns, *size, **shared) as (drawing, grid):
+        for empty in grid.flat[len(shown) :]:
+            empty.remove()
+        for across, line, names in zip(grid, beside, labels, strict=True):
+            across[0].set_yticks(range(len(names)), map(_title, names), fontsize=9)
+            across[0].set_ylim(len(names) - 0.5, -0.5)
+            for axes, (measure, title, of) in zip(across, line, strict=False):
+                for i, kind in enumerate(kinds):
+                    those = [each for each in of if not series or each[series] == kind]
+                    trials = {str(name): _values(each, measure) for name, each in _by(those, row)}
                     # several dots of a row stand below each other
-                    [line + 0.5 * ((i + 0.5) / len(parts) - 0.5) for line in range(len(labels))],
-                    xerr=[spread for _, spread in found],
-                    color=CYCLE[i % len(CYCLE)],
-                    marker=_MARKERS[i % len(_MARKERS)],
-                    ms=5,
-                    linestyle="none",
-                    label=_title(name),
-                )
-            axes.set(xlabel=title, xlim=(-0.03, 1.03))
-            if promised and measure in promised:
-                axes.axvline(promised[measure], color=GREY, linewidth=1.0, zorder=1)
-                axes.set_xlim(0.897, 1.003)
-        grid[0].set_yticks(range(len(labels)), [name_label(label) for label in labels], fontsize=9)
-        grid[0].set_ylim(len(labels) - 0.5, -0.5)
-        if several > 1:
-            legend_below(drawing, grid, several)
+                    below = 0.5 * ((i + 0.5) / len(kinds) - 0.5)
+                    found = [mean_and_spread(trials.get(name) or [np.nan]) for name in names]
+                    _dots(axes, found, below, i, _title(kind))
+                axes.set(xlabel=measure, title=title, xlim=(-0.03, 1.03))
+                axes.locator_params(axis="x", nbins=4)
+                axes.tick_params(axis="x", labelsize=9)
+                if promised and measure in promised:
+                    axes.axvline(promised[measure], color=GREY, linewidth=1.0, zorder=1)
+                    axes.set_xlim(0.897, 1.003)
+        if len(kinds) > 1:
+            legend_below(drawing, grid.flat[:1], len(kinds))
     return drawing
+
+
+def _dots(
+    axes: Axes, found: Sequence[tuple[float, float]], below: float, i: int, label: str
+) -> None:
+    """Draw the means and spreads of the i-th series, one each row."""
+    means, spreads = zip(*found, strict=True)
+    axes.errorbar(
+        means, np.arange(len(found)) + below, xerr=spreads, color=CYCLE[i % len(CYCLE)],
+        marker=_MARKERS[i % len(_MARKERS)], ms=5, linestyle="none", label=label,
+    )  # fmt: skip
 
 
 def lines(
@@ -84,7 +98,6 @@ def lines(
     line: str,
     *,
     panel: Sequence[str] = ("drives",),
-    columns: int = _COLUMNS,
     mark: float | None = None,
 ) -> Figure:
     """Draw the mean of the trials over a number: a panel each pair of drives, a line each variant.
@@ -99,14 +112,12 @@ def lines(
         Column that names the lines.
     panel : sequence of str
         Columns that have a panel for each of their values.
-    columns : int
-        Most panels beside each other.
     mark : float, optional
         Where a vertical line is drawn, as at the default.
     """
     shown = [{**row, "": "\n".join(str(row[each]) for each in panel)} for row in rows]
     names = list(dict.fromkeys(row[line] for row in rows))
-    with _grid(shown, "", y, (4.0, 3.6), 1.2, columns) as (drawing, grid):
+    with _grid(shown, "", y) as (drawing, grid):
         for axes, of in grid:
             for name, those in _by(of, line):
                 points = [(at, _values(each, y)) for at, each in _by(those, x)]
@@ -122,45 +133,18 @@ def lines(
     return drawing
 
 
-def costs(rows: Rows, x: str, y: str, label: str, series: str) -> Figure:
-    """Draw a measure against a cost: a panel each pair of drives, a mark each system."""
-    names = list(dict.fromkeys(row[label] for row in rows))
-    colours: dict[str, dict[str, Any]] = {
-        # those that have the colour of another are hollow
-        name: {
-            "color": CYCLE[i % len(CYCLE)],
-            "markerfacecolor": "none" if i >= len(CYCLE) else None,
-        }
-        for i, name in enumerate(names)
-    }
-    kinds = dict.fromkeys(row[series] for row in rows)
-    marks = dict(zip(kinds, itertools.cycle(_MARKERS), strict=False))
-    with _grid(rows, "drives", y, (4.2, 3.9), 2.2) as (drawing, grid):
-        for axes, of in grid:
-            for name, those in _by(of, label):
-                for kind, each in _by(those, series):
-                    mean, spread = mean_and_spread(_values(each, y))
-                    axes.errorbar(
-                        float(np.median(_values(each, x))), mean, spread, ms=7, linestyle="none",
-                        marker=marks[kind], **colours[name],
-                    )  # fmt: skip
-            axes.set_xscale("log")
-            axes.set(xlabel=x, ylim=(0, 1.03))
-        first, _ = grid[0]
-        for name, colour in colours.items():
-            first.plot([], [], linestyle="none", marker="o", label=_title(name), **colour)
-        for kind, mark in marks.items():
-            first.plot([], [], linestyle="none", marker=mark, color=GREY, label=_title(kind))
-        legend_below(drawing, [first], 3, fontsize=9)
-    return drawing
-
-
 def _log_ticks(axes: Axes, values: Sequence[float]) -> None:
     """Make the horizontal axis logarithmic, with a tick at each of these values and at no other."""
-    # small values as fractions, whose labels are shorter
-    labels = [f"1/{1 / v:g}" if v < 0.1 and 1 / v % 1 == 0 else f"{v:g}" for v in values]
+    labels, labelled = [], 0.0
+    for value in values:
+        # a label that would touch the last one is left out
+        apart = not labelled or value / labelled > (values[-1] / values[0]) ** _APART
+        # small values as fractions, whose labels are shorter
+        text = f"1/{1 / value:g}" if value < 1 and 1 / value % 1 == 0 else f"{value:g}"
+        labels.append(text if apart else "")
+        labelled = value if apart else labelled
     axes.set_xscale("log")
-    axes.set_xticks(values, labels)
+    axes.set_xticks(values, labels, fontsize=9)
     axes.minorticks_off()
 
 
@@ -185,20 +169,15 @@ def mean_and_spread(trials: Sequence[float]) -> tuple[float, float]:
 
 
 @contextmanager
-def _grid(
-    rows: Rows,
-    column: str,
-    y: str,
-    size: tuple[float, float],
-    below: float,
-    columns: int = _COLUMNS,
-) -> Iterator[tuple[Figure, list[tuple[Axes, Rows]]]]:
-    """Lay out a panel for each value of a column, and yield each with its rows; sizes in inches."""
+def _grid(rows: Rows, column: str, y: str) -> Iterator[tuple[Figure, list[tuple[Axes, Rows]]]]:
+    """Lay out a panel for each value of a column, and yield each with its rows."""
     found = list(_by(rows, column))
-    columns = min(len(found), columns)
+    columns = min(len(found), _COLUMNS)
     across = -(-len(found) // columns)
-    whole = size[0] * columns + 1.5, size[1] * across + below
-    with panels(across, columns, *whole, sharey=True) as (drawing, grid):
+    with panels(across, columns, 3.4 * columns + 0.6, 3.1 * across + 0.8, sharey=True) as (
+        drawing,
+        grid,
+    ):
         for empty in grid.flat[len(found) :]:
             empty.remove()
         for left in grid[:, 0]:

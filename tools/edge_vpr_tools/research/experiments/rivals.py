@@ -41,7 +41,7 @@ from edge_vpr_tools.research.experiments.nulls import (
     null_queries,
 )
 from edge_vpr_tools.research.experiments.pairs import INNER, CountedPair, inner_share, rates
-from edge_vpr_tools.research.experiments.plots import costs
+from edge_vpr_tools.research.experiments.plots import dots
 
 # How a matrix of distances becomes matches.
 
@@ -300,7 +300,7 @@ def first_correct(
 
 
 def figure(rows: Rows) -> Figure:
-    """Draw correct matches against bytes per place, at each pair's first tolerance."""
+    """Draw correct matches of each system, at each pair's first tolerance."""
     first: dict[str, str] = {}
     for row in rows:
         first.setdefault(row["drives"], row["tolerance"])
@@ -311,7 +311,7 @@ def figure(rows: Rows) -> Figure:
         and row["matching"] in SHOWN
         and row["tolerance"] == first[row["drives"]]
     ]
-    return costs(shown, x="bytes per place", y=INNER, label="system", series="matching")
+    return dots(shown, (INNER,), "system", "matching", columns=4)
 
 
 #: decoders in the figure

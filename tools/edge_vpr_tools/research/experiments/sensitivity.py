@@ -255,8 +255,7 @@ def figure(rows: Rows) -> Figure:
     varied = [row for row in rows if row[DRIVES] in shown and row[CHOSEN_ON] != BY_OTHERS]
     varied.sort(key=lambda row: list(DELAYS).index(row["matching"]))
     return lines(
-        varied, x=TIMES, y="P@100R", line=CONSTANT, panel=("drives", "matching"),
-        columns=len(shown), mark=1.0,
+        varied, x=TIMES, y="P@100R", line=CONSTANT, panel=("drives", "matching"), mark=1.0,
     )  # fmt: skip
 
 
