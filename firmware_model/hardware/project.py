@@ -11,7 +11,7 @@ from firmware_model.hardware import registers, sources
 from firmware_model.hardware.parameters import BOARDS, PACKAGE, Board, package, tables
 from firmware_model.memories import Memories
 from firmware_model.vectors import formats
-from firmware_model.vectors.suite import memory_words, smallest_cases, standard_suites, write_suites
+from firmware_model.vectors.suite import cases_within, memory_words, standard_suites, write_suites
 
 _MAKEFILE = """\
 # make BOARD: a board's bitstream, by yosys, nextpnr and its packer; boards: {boards}
@@ -99,7 +99,7 @@ def write_project(
     seed : int
         Seed of the random vectors.
     most_bytes : float
-        Size of the golden vectors, see `vectors.suite.smallest_cases`.
+        Size of the golden vectors, see `vectors.suite.cases_within`.
     on_case : callable, optional
         Called with the name of each case before it is computed.
     """
@@ -130,7 +130,7 @@ def write_project(
         rules="".join(_rules(board, name) for name, board in BOARDS.items()),
     )
     (folder / "Makefile").write_text(makefile, encoding="ascii")
-    suites = smallest_cases(standard_suites(design, seed), most_bytes)
+    suites = cases_within(standard_suites(design, seed), most_bytes)
     readme = _README.format(
         pixels=design.pixels, places=design.places, lanes=design.lanes, boards=" or ".join(BOARDS),
         board=next(iter(BOARDS)), header=registers.HEADER,

@@ -8,20 +8,23 @@ from firmware_model.vectors.filter_corners import filter_cases
 from firmware_model.vectors.manifest import Manifest, check_files, load_manifest
 from firmware_model.vectors.random_cases import random_cases
 from firmware_model.vectors.suite import (
+    AIMED,
+    cases_within,
     estimated_bytes,
-    smallest_cases,
     standard_suites,
     write_suites,
 )
 from firmware_model.vectors.verify import Verdict, read_results, verify
 
 __all__ = [
+    "AIMED",
     "CORNERS",
     "FILTER_CORNERS",
     "Case",
     "Manifest",
     "Returned",
     "Verdict",
+    "cases_within",
     "check_files",
     "corner_cases",
     "coverage",
@@ -34,7 +37,6 @@ __all__ = [
     "read_results",
     "records",
     "run_on_board",
-    "smallest_cases",
     "standard_suites",
     "to_binary",
     "verify",

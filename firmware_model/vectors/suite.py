@@ -23,7 +23,7 @@ from firmware_model.specification import MatchResult, Trace, WindowState
 from firmware_model.vectors import formats
 from firmware_model.vectors.case import NONE, Case, in_order, records, to_binary
 from firmware_model.vectors.corners import corner_cases
-from firmware_model.vectors.coverage import CORNERS, FILTER_CORNERS, watched_trace
+from firmware_model.vectors.coverage import CORNERS, FILTER_CORNERS, coverage, watched_trace
 from firmware_model.vectors.filter_corners import filter_cases
 from firmware_model.vectors.formats import Table
 from firmware_model.vectors.manifest import (
@@ -230,8 +230,15 @@ def standard_suites(design: Design, seed: int, only: str | None = None) -> dict[
     return {suite: make() for suite, make in makers.items() if only in (None, suite)}
 
 
-def smallest_cases(suites: Suites, most_bytes: float) -> dict[str, list[Case]]:
-    """Leave out the cases with most events, so that the files have about a given size.
+#: corners that a suite is made for
+AIMED: Mapping[str, Iterable[str]] = {"corners": CORNERS, "filter": FILTER_CORNERS}
+
+
+def cases_within(suites: Suites, most_bytes: float) -> dict[str, list[Case]]:
+    """Choose cases whose files have about a given size, first those that reach most for theirs.
+
+    What counts are the corners that the suite of a case is made for, and that no chosen case has
+    reached; where none is left, small cases are added.
 
     Parameters
     ----------
@@ -243,16 +250,32 @@ def smallest_cases(suites: Suites, most_bytes: float) -> dict[str, list[Case]]:
     dict of str to list of Case
         Suites in their order, without those that would be empty.
     """
-    every = [case for cases in suites.values() for case in cases]
-    kept: set[int] = set()
-    size = 0.0
-    for case in sorted(every, key=estimated_bytes):
-        size += estimated_bytes(case)
-        if size > most_bytes:
-            break
-        kept.add(id(case))
-    chosen = {name: [case for case in cases if id(case) in kept] for name, cases in suites.items()}
-    return {name: cases for name, cases in chosen.items() if cases}
+    if sum(estimated_bytes(case) for cases in suites.values() for case in cases) <= most_bytes:
+        return {name: list(cases) for name, cases in suites.items()}
+    left = {
+        (name, i): estimated_bytes(case)
+        for name, cases in suites.items()
+        for i, case in enumerate(cases)
+        if estimated_bytes(case) <= most_bytes
+    }
+    reaches = {
+        (name, i): {(name, corner) for corner in AIMED.get(name, ()) if reached.get(corner)}
+        for name, i in left
+        for reached in [coverage(suites[name][i])]
+    }
+    chosen: set[tuple[str, int]] = set()
+    so_far: set[tuple[str, str]] = set()
+    while left:
+        best = max(left, key=lambda one: (len(reaches[one] - so_far) / left[one], -left[one]))
+        most_bytes -= left.pop(best)
+        chosen.add(best)
+        so_far |= reaches[best]
+        left = {one: size for one, size in left.items() if size <= most_bytes}
+    kept = {
+        name: [case for i, case in enumerate(cases) if (name, i) in chosen]
+        for name, cases in suites.items()
+    }
+    return {name: cases for name, cases in kept.items() if cases}
 
 
 def estimated_bytes(case: Case) -> int:

@@ -18,7 +18,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 from edge_vpr_tools.cli import main
-from edge_vpr_tools.golden_vectors import cases_within
 from streams import random_events
 
 from edge_vpr.events import Sensor
@@ -34,6 +33,7 @@ from firmware_model.image import kept_bytes, ram_bytes
 from firmware_model.vectors import (
     CORNERS,
     FILTER_CORNERS,
+    cases_within,
     check_files,
     corner_cases,
     coverage,
@@ -42,7 +42,6 @@ from firmware_model.vectors import (
     from_binary,
     load_manifest,
     read_results,
-    smallest_cases,
     standard_suites,
     to_binary,
     verify,
@@ -660,14 +659,15 @@ def test_vectors_have_a_size_of_choice(tmp_path, capsys):
 @pytest.mark.parametrize("most", [5e5, 2e6])
 def test_cases_of_a_size_reach_more_corners_than_the_smallest_ones(most):
     suites = standard_suites(DESIGN, 0)
-    sizes, corners = [], []
-    for choose in (smallest_cases, cases_within):
-        chosen = choose(suites, most)
-        sizes.append(sum(estimated_bytes(case) for cases in chosen.values() for case in cases))
-        reached = [coverage(case) for case in chosen["corners"]]
-        corners.append(sum(any(of.get(corner) for of in reached) for corner in CORNERS))
-    assert max(sizes) <= most
-    assert corners[1] > corners[0]
+    chosen = cases_within(suites, most)
+    assert sum(estimated_bytes(case) for cases in chosen.values() for case in cases) <= most
+    by_size = sorted(suites["corners"], key=estimated_bytes)
+    sizes = np.cumsum([estimated_bytes(case) for case in by_size])
+    chosen_corners, smallest_corners = (
+        {corner for case in cases for corner, times in coverage(case).items() if times}
+        for cases in (chosen["corners"], by_size[: np.searchsorted(sizes, most)])
+    )
+    assert len(chosen_corners) > len(smallest_corners)
     assert cases_within(suites, np.inf) == suites
 
 

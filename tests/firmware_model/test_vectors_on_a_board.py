@@ -14,7 +14,7 @@ import pytest
 from edge_vpr_tools.cli import main
 
 from firmware_model import Design, VectorError
-from firmware_model.vectors import run_on_board, smallest_cases, standard_suites, write_suites
+from firmware_model.vectors import cases_within, run_on_board, standard_suites, write_suites
 from firmware_model.vectors.board import MAGIC, READY, REFUSED
 from firmware_model.vectors.manifest import load_manifest
 
@@ -27,7 +27,7 @@ FILTER = replace(DESIGN, matching="filter", length=1, code="contrast")
 def vectors(tmp_path_factory) -> Path:
     """Some small cases of the filter."""
     folder = tmp_path_factory.mktemp("vectors") / "v"
-    write_suites(folder, FILTER, smallest_cases(standard_suites(FILTER, 0, "filter"), 6e5), 0)
+    write_suites(folder, FILTER, cases_within(standard_suites(FILTER, 0, "filter"), 6e5), 0)
     return folder
 
 

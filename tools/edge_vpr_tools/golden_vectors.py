@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping
 from pathlib import Path
 
 import numpy as np
@@ -19,15 +18,11 @@ from edge_vpr_tools.estimate.search import Budget
 from firmware_model import Design, Event
 from firmware_model.image import image_bytes
 from firmware_model.vectors import (
-    CORNERS,
-    FILTER_CORNERS,
+    AIMED,
     Case,
-    coverage,
-    estimated_bytes,
     load_manifest,
 )
 from firmware_model.vectors.manifest import SuiteEntry
-from firmware_model.vectors.suite import Suites
 
 #: flash of a microcontroller that is left for the program beside a case
 _PROGRAM_BYTES = 16 * 1024
@@ -181,54 +176,6 @@ def check_vectors_folder(path: Path, overwrite: bool) -> None:
         )
 
 
-#: corners that a suite is made for
-_AIMED: Mapping[str, Iterable[str]] = {"corners": CORNERS, "filter": FILTER_CORNERS}
-
-
 def aimed_corners(suite: SuiteEntry) -> dict[str, int]:
     """Return how often a suite reaches each of the corners that it is made for."""
-    return {corner: suite.coverage[corner] for corner in _AIMED.get(suite.name, ())}
-
-
-def cases_within(suites: Suites, most_bytes: float) -> dict[str, list[Case]]:
-    """Choose cases whose files have about a given size, first those that reach most for theirs.
-
-    What counts are the corners that the suite of a case is made for, and that no chosen case has
-    reached; where none is left, small cases are added.
-
-    Parameters
-    ----------
-    most_bytes : float
-        Of all files; estimated from the numbers of events and places.
-
-    Returns
-    -------
-    dict of str to list of Case
-        Suites in their order, without those that would be empty.
-    """
-    if sum(estimated_bytes(case) for cases in suites.values() for case in cases) <= most_bytes:
-        return {name: list(cases) for name, cases in suites.items()}
-    left = {
-        (name, i): estimated_bytes(case)
-        for name, cases in suites.items()
-        for i, case in enumerate(cases)
-        if estimated_bytes(case) <= most_bytes
-    }
-    reaches = {
-        (name, i): {(name, corner) for corner in _AIMED.get(name, ()) if reached.get(corner)}
-        for name, i in left
-        for reached in [coverage(suites[name][i])]
-    }
-    chosen: set[tuple[str, int]] = set()
-    so_far: set[tuple[str, str]] = set()
-    while left:
-        best = max(left, key=lambda one: (len(reaches[one] - so_far) / left[one], -left[one]))
-        most_bytes -= left.pop(best)
-        chosen.add(best)
-        so_far |= reaches[best]
-        left = {one: size for one, size in left.items() if size <= most_bytes}
-    kept = {
-        name: [case for i, case in enumerate(cases) if (name, i) in chosen]
-        for name, cases in suites.items()
-    }
-    return {name: cases for name, cases in kept.items() if cases}
+    return {corner: suite.coverage[corner] for corner in AIMED.get(suite.name, ())}

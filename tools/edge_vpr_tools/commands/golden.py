@@ -73,13 +73,12 @@ def run(args: argparse.Namespace) -> None:
     from edge_vpr_tools.golden_vectors import (
         aimed_corners,
         case_size,
-        cases_within,
         check_vectors_folder,
         recorded_case,
         vectors_size,
     )
     from firmware_model import Design
-    from firmware_model.vectors import estimated_bytes, write_suites
+    from firmware_model.vectors import cases_within, estimated_bytes, write_suites
 
     if (args.design is None) == (args.map is None):
         raise UsageError("golden needs either --design or --map: give one of them")
