@@ -200,7 +200,7 @@ def test_a_notice_is_text_and_no_mark_up(monkeypatch):
     assert "\x1b" not in shown.getvalue()
 
 
-@pytest.mark.parametrize(("encoding", "shown"), [("utf-8", ".▁▅█"), ("ascii", ".047")])
+@pytest.mark.parametrize(("encoding", "shown"), [("utf-8", "1  .▁▅█"), ("ascii", "7  .047")])
 @pytest.mark.parametrize("width", [79, 80])
 def test_a_wide_terminal_shows_the_probabilities_of_the_last_minute(encoding, shown, width):
     from edge_vpr_tools.live_view import Panel

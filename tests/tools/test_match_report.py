@@ -9,6 +9,7 @@ import shutil
 from contextlib import redirect_stdout
 from dataclasses import replace
 from html import unescape
+from types import SimpleNamespace
 
 import naive
 import numpy as np
@@ -17,6 +18,9 @@ from edge_vpr_tools.cli import main
 from edge_vpr_tools.report import figures
 from edge_vpr_tools.report.figures import true_cells
 from edge_vpr_tools.report.verdict import Outcome, outcome_of
+from matplotlib.collections import PathCollection
+from matplotlib.colors import to_hex
+from matplotlib.figure import Figure
 from streams import descriptors
 
 from edge_vpr.errors import UsageError
@@ -191,6 +195,38 @@ def test_a_route_from_above_has_a_start_and_arrows_in_its_direction(street):
     for tail, head in arrows:
         behind, ahead = (np.hypot(*(position[3:] - at).T).argmin() for at in (tail, head))
         assert behind < ahead
+
+
+@pytest.mark.parametrize("judged", [True, False])
+def test_a_colour_means_the_same_from_above_and_along_the_route(street, judged):
+    result = MatchResult.load(street / "results")
+    settings = result.matches.settings.replaced({"precision": "0.99"}, "")
+    lost = np.arange(len(result.matches)) % 2 == 0
+    matches = replace(result.matches, settings=settings, lost=lost)
+    correct = np.ones((len(result.reference), result.queries.end_us.size), np.bool_)
+    correct[:, ::3] = False
+    truth = GroundTruth(correct, np.ones(correct.shape[1], np.bool_), "by hand")
+    found = evaluate(matches, truth) if judged else None
+    outcome = outcome_of(result.reference, matches, found)
+    view = figures.RouteView.of(result.reference, outcome, result.reference.route)
+    marks, strip = {}, replace(view, route=None, at=outcome.time_s).figure(outcome).axes[0]
+    for each in view.figure(outcome).axes[0].collections:
+        if isinstance(each, PathCollection):
+            face, edge = each.get_facecolor()[0], each.get_edgecolor()[0]
+            marks[each.get_label()] = to_hex(face if face[3] else edge)
+    names = [label.get_text() for label in strip.get_yticklabels()]
+    drawn = zip(names, strip.collections, strict=True)
+    rows = {name: to_hex(row.get_color()) for name, row in drawn}
+    assert rows == marks and len(rows) == (4 if judged else 2)
+
+
+@pytest.mark.parametrize(("tolerance", "largest"), [(70, 600), (10, 35), (70, 90), (2, 9_000)])
+def test_the_axis_of_errors_has_ticks_above_the_tolerance(tolerance, largest):
+    truth = SimpleNamespace(positions=SimpleNamespace(tolerance=tolerance), error_unit="m")
+    axes = Figure().subplots()
+    figures._error_axis(axes, truth, np.array([0.0, largest]))
+    above = [tick for tick in axes.get_yticks() if tolerance < tick <= axes.get_ylim()[1]]
+    assert 1 <= len(above) <= 6
 
 
 def test_the_worst_windows_of_live_matches_are_shown_too(street):

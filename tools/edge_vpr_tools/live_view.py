@@ -129,17 +129,18 @@ class Panel:
                     ProgressBar(1.0, share, _BAR_WIDTH, complete_style=shown, finished_style=shown),
                 )
             if name == "certainty" and recent and self._live.console.width >= _WIDE:
-                table.add_row("last minute", self._strip(recent))
+                table.add_row(*self._strip(recent))
         return Group(table, *self._notice_lines())
 
-    def _strip(self, recent: Sequence[float | None]) -> Text:
-        """Draw a letter a second, higher where a match was more probable."""
+    def _strip(self, recent: Sequence[float | None]) -> tuple[str, Text]:
+        """Draw a letter a second, higher where a match was more probable; name the scale."""
         plain = not self._live.console.encoding.startswith("utf")
         levels = _PLAIN_LEVELS if plain else _LEVELS
-        return Text("".join(
+        letters = (
             "." if each is None else levels[min(int(each * len(levels)), len(levels) - 1)]
             for each in recent
-        ))  # fmt: skip
+        )
+        return f"{_STRIP_S} s, 0 to {levels[-1] if plain else 1}", Text("".join(letters))
 
     def _notice_lines(self) -> Iterable[RenderableType]:
         """Return the newest notices, preceded by older ones that still hold."""

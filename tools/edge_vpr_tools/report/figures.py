@@ -32,6 +32,7 @@ from edge_vpr_tools.report.style import (
     BLACK,
     BLUE,
     CYCLE,
+    GREEN,
     GREY,
     ORANGE,
     RED,
@@ -73,7 +74,7 @@ def _groups(outcome: Outcome) -> list[_Group]:
     """Return the matches grouped by outcome, those to be drawn on top last; no group is empty."""
     taken = outcome.accepted
     # a transparent colour and not "none": Matplotlib draws marks much faster that have a colour
-    ring = {"s": 22, "facecolors": "#ffffff00", "edgecolors": GREY, "linewidths": 1.0}
+    ring = {"s": 22, "facecolors": "#ffffff00", "edgecolors": SKY, "linewidths": 1.0}
     cross = {"s": 55, "marker": "X", "linewidths": 0.7, "edgecolors": "white"}
     dot = {"s": 16, "color": BLUE, "linewidths": 0}
     if outcome.found is None:
@@ -84,7 +85,7 @@ def _groups(outcome: Outcome) -> list[_Group]:
         accepted = "" if outcome.precision is None else ", accepted"
         groups = [
             _Group(f"correct{accepted}", correct & taken, dot),
-            _Group("correct, not accepted", correct & ~taken, {**ring, "edgecolors": SKY}),
+            _Group("correct, not accepted", correct & ~taken, ring),
             _Group("wrong, not accepted", wrong & ~taken, {**cross, "color": BLACK}),
             _Group(f"wrong{accepted}", wrong & taken, {**cross, "color": RED}),
         ]
@@ -166,7 +167,7 @@ class RouteView:
         axes.add_collection(
             LineCollection(
                 list(np.stack([shown[wrong], matched[wrong]], axis=1)),
-                colors=[RED if taken else GREY for taken in outcome.accepted[wrong]],
+                colors=[RED if taken else BLACK for taken in outcome.accepted[wrong]],
                 linewidths=0.9, linestyles="--", alpha=0.6, zorder=2,
                 label="error of a wrong match" if wrong.any() else None,
             )
@@ -218,7 +219,7 @@ def _draw_along(axes: Axes, outcome: Outcome, at: Floats, label: str) -> None:
     """Draw where along the route each match was made, a row for each outcome."""
     groups = _groups(outcome)[::-1]
     for row, group in enumerate(groups):
-        colour = group.look.get("color", GREY)
+        colour = group.look.get("color", SKY)
         where = at[group.of]
         axes.eventplot(
             where[np.isfinite(where)], lineoffsets=row, linelengths=0.7, linewidths=1.2,
@@ -290,8 +291,10 @@ def _error_axis(axes: Axes, truth: GroundTruth, errors: Floats) -> None:
         )  # fmt: skip
         if largest > 3 * tolerance:
             axes.set_yscale("symlog", linthresh=tolerance, linscale=1.0)
-            decades = 10.0 ** np.arange(np.ceil(np.log10(tolerance)), np.log10(largest) + 1)
-            ticks = [0.0, tolerance, *decades[decades > 1.5 * tolerance]]
+            decades = 10.0 ** np.arange(np.floor(np.log10(tolerance)), np.log10(largest) + 1)
+            steps = (1, 2, 5) if largest < 100 * tolerance else (1,)
+            above = np.outer(decades, steps).ravel()
+            ticks = [0.0, tolerance, *above[(above > 1.5 * tolerance) & (above <= largest)]]
             axes.set_yticks(ticks, [f"{value:g}" for value in ticks])
             axes.minorticks_off()
             label += f", log above {tolerance:g}"
@@ -418,7 +421,7 @@ def distance_matrix(
         handles = []
         if truth is not None:
             _truth_band(axes, truth)
-            handles.append(Line2D([], [], color=SKY, lw=6, alpha=0.6, label="true places"))
+            handles.append(Line2D([], [], color=GREEN, lw=6, alpha=0.6, label="true places"))
         if found is None:
             handles += axes.plot(
                 matches.query, matches.place, ".", color=ORANGE, ms=4, label="match"
@@ -543,7 +546,7 @@ def _truth_band(axes: Axes, truth: GroundTruth) -> None:
     band = np.ma.masked_equal(true_cells(truth.correct), False)
     axes.imshow(
         band,
-        cmap=ListedColormap([SKY]),
+        cmap=ListedColormap([GREEN]),
         alpha=0.55,
         origin="lower",
         aspect="auto",

@@ -20,7 +20,10 @@ _PIXELS = 96 / 72
 #: figures are enlarged by this on a screen that is wide enough
 _ENLARGED = 1.25
 #: colours of figures that differ on a dark page, and their names in page.css
-_THEMED = {"#000000": "currentColor", "#ffffff": "var(--paper)", "#0072b2": "var(--blue)"}
+_THEMED = {
+    "#000000": "currentColor", "#ffffff": "var(--paper)", "#0072b2": "var(--blue)",
+    "#56b4e9": "var(--sky)",
+}  # fmt: skip
 #: longer cells are text, even if they begin with a number
 _LONGEST_NUMBER = 28
 #: a number, followed by a space, a per cent sign or nothing; or a dash
@@ -160,7 +163,7 @@ _OUTER = re.compile(
     re.DOTALL,
 )
 _NAMED = re.compile(r'(\bid="|href="#|url\(#)')
-_COLOUR = re.compile(r"(?<=: )#(?:000000|ffffff|0072b2)\b")
+_COLOUR = re.compile(rf"(?<=: )(?:{'|'.join(_THEMED)})\b")
 
 
 def _themed(svg: str, prefix: str) -> str:

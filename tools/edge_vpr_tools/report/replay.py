@@ -29,7 +29,17 @@ from edge_vpr.matching.sequences import middle_window
 from edge_vpr.reference_map import MatchResult, ReferenceMap
 from edge_vpr.route import Odometry, Route
 from edge_vpr_tools.report.figures import Window, dot_sizes, draw_window, total_counts
-from edge_vpr_tools.report.style import BLACK, BLUE, GREY, ORANGE, along_route, panels
+from edge_vpr_tools.report.style import (
+    BLACK,
+    BLUE,
+    GREEN,
+    GREY,
+    ORANGE,
+    RED,
+    SKY,
+    along_route,
+    panels,
+)
 from edge_vpr_tools.report.verdict import Outcome, outcome_of
 from edge_vpr_tools.truth_files import TruthFiles, truth_of
 
@@ -104,7 +114,7 @@ def _palette_of(picture: Image.Image) -> Image.Image:
     """Return a palette of the most frequent colours, with those of paper and marks as they are."""
     palette = picture.quantize(_COLOURS)
     colours = np.array(palette.getpalette(), dtype=np.int64).reshape(-1, 3)
-    for name in ("#ffffff", BLUE, ORANGE, BLACK):
+    for name in ("#ffffff", BLUE, ORANGE, BLACK, SKY, RED, GREEN):
         kept = np.array([int(name[i : i + 2], 16) for i in (1, 3, 5)])
         colours[np.abs(colours - kept).max(axis=1) <= _MIXED] = kept
         colours = np.concatenate([colours, kept[None]])
@@ -188,12 +198,13 @@ class _Film:
             axes.set_ylim(*_with_margins(self._x))
         axes.xaxis.set_major_locator(MaxNLocator(4))
         self._true = self._true_path(route)
-        self._truly = axes.scatter([], [], s=90, facecolors="none", edgecolors=GREY, zorder=4)
+        ring = {"facecolors": "none", "edgecolors": GREEN}
+        self._truly = axes.scatter([], [], s=90, lw=2, zorder=4, **ring)
         if self._true is not None:
             axes.set_title("position; circle: the truth")
-        self._trail = axes.scatter([], [], s=5, color=BLUE, zorder=2)
+        self._trail = axes.scatter([], [], s=5, zorder=2)
         self._now = axes.scatter([], [], s=45, color=ORANGE, zorder=3)
-        self._wrong = axes.scatter([], [], s=70, color=BLACK, marker="X", lw=0, zorder=3)
+        self._wrong = axes.scatter([], [], s=70, marker="X", lw=0, zorder=3)
 
     def _true_path(self, route: Route | None) -> Floats | None:
         """Return where the camera truly was in each frame, in the coordinates of the panel."""
@@ -217,7 +228,10 @@ class _Film:
             dots.set_sizes(dot_sizes(counts, self._most))
         self._cost.set_ydata(replay.cost[:, i])
         self._cheapest.set_offsets([(self._x[place], replay.cost[place, i])])
+        accepted = outcome.accepted[: i + 1]
         self._trail.set_offsets(self._path[: i + 1])
+        self._trail.set_color([BLUE if taken else SKY for taken in accepted])
+        self._wrong.set_color(RED if accepted[-1] else BLACK)
         for mark, wrong in ((self._now, False), (self._wrong, True)):
             mark.set_offsets(self._path[i : i + (bool(outcome.wrong[i]) is wrong)])
         if self._true is not None:
