@@ -198,8 +198,8 @@ class _Film:
             axes.set_ylim(*_with_margins(self._x))
         axes.xaxis.set_major_locator(MaxNLocator(4))
         self._true = self._true_path(route)
-        ring = {"facecolors": "none", "edgecolors": GREEN}
-        self._truly = axes.scatter([], [], s=90, lw=2, zorder=4, **ring)
+        self._truly = axes.scatter([], [], s=90, lw=2, facecolors="none", zorder=4)
+        self._truly.set_edgecolor(GREEN)
         if self._true is not None:
             axes.set_title("position; circle: the truth")
         self._trail = axes.scatter([], [], s=5, zorder=2)
