@@ -59,7 +59,7 @@ from edge_vpr.recordings import Faults, Recording, open_recording
 from edge_vpr.recordings.memory import FORMAT as MEMORY
 from edge_vpr.recordings.memory import column_names
 from edge_vpr.recordings.reading import Camera, UnitCheck
-from edge_vpr.registration import Registration, register
+from edge_vpr.registration import MountShift, register
 from edge_vpr.results import (
     LEFT_OUT,
     MAP,
@@ -353,10 +353,7 @@ class ReferenceMap(MapRecord):
             inputs = (str(drive.path), *inputs)
         odometry = _of_part(drive, _odometry_of(odometry))
         check_sensor(drive.sensor, self.pixel_map.sensor)
-        reference, shift = self, None
-        if registered:
-            found = register(self, drive)
-            reference, shift = found.reference, MountShift.of(found)
+        reference, shift = register(self, drive) if registered else (self, None)
         matched = reference._with(asked, "match")
         if every is None:
             result = _match_windows(matched, drive, odometry, shift)
@@ -512,31 +509,6 @@ class MapInfo:
 
     def __str__(self) -> str:
         return "\n".join(f"{name:<9} {text}" for name, text in self.lines.items())
-
-
-@dataclass(frozen=True, kw_only=True)
-class MountShift:
-    """Shift of a query's image, as in `metrics.json`."""
-
-    #: dx, dy: by which the map's pixels were moved, to the right and downwards.
-    dx: int
-    dy: int
-    windows: int  #: Windows of the query that it was estimated from.
-    #: likeness, likeness_unmoved: mean correlation of sequences with the most similar places,
-    #: shifted and not.
-    likeness: float
-    likeness_unmoved: float
-
-    @classmethod
-    def of(cls, found: Registration[Any]) -> MountShift:
-        """Build from the result of a registration."""
-        return cls(
-            dx=found.dx,
-            dy=found.dy,
-            windows=found.windows,
-            likeness=found.likeness,
-            likeness_unmoved=found.unmoved,
-        )
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -12,7 +12,6 @@ import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import islice
-from typing import Generic
 
 import numpy as np
 import numpy.typing as npt
@@ -45,39 +44,23 @@ _ROUGH = 4  # from 1/256 to 1/16 octave, so that sums of squares are exact in do
 Floats = npt.NDArray[np.float64]
 
 
-@dataclass(frozen=True)
-class Registration(Generic[AnyMap]):
-    """Result of a registration: the moved map and the estimated shift.
+@dataclass(frozen=True, kw_only=True)
+class MountShift:
+    """Shift of a query's image against the reference's, as in `metrics.json`."""
 
-    Attributes
-    ----------
-    reference : MapRecord
-        The map, moved if `shifted`.
-    dx, dy : int
-        Shift of the query's image against the reference's, in pixels to the right and downwards;
-        0 where none is clear.
-    likeness, unmoved : float
-        Mean correlation of a sequence of windows with its most similar sequence of places, -1 to 1,
-        at the most likely shift, and without a shift.
-    windows : int
-        Of the query, that were looked at.
-    """
-
-    reference: AnyMap
+    #: dx, dy: by which the map's pixels were moved, to the right and downwards; 0 where no shift is
+    #: clear.
     dx: int
     dy: int
+    windows: int  #: Windows of the query that it was estimated from.
+    #: likeness, likeness_unmoved: mean correlation of sequences with the most similar places, at
+    #: the most likely shift and at none.
     likeness: float
-    unmoved: float
-    windows: int
-
-    @property
-    def shifted(self) -> bool:
-        """Whether the map was moved."""
-        return (self.dx, self.dy) != (0, 0)
+    likeness_unmoved: float
 
 
-def register(reference: AnyMap, recording: EventSource | WindowSource) -> Registration[AnyMap]:
-    """Move the pixels of a map by the shift of a query's image.
+def register(reference: AnyMap, recording: EventSource | WindowSource) -> tuple[AnyMap, MountShift]:
+    """Move the pixels of a map by the shift of a query's image, and return both.
 
     Parameters
     ----------
@@ -100,13 +83,12 @@ def register(reference: AnyMap, recording: EventSource | WindowSource) -> Regist
     dx, dy, likeness, unmoved = estimate_shift(reference, images)
     if not _is_clear(likeness - unmoved):
         dx = dy = 0
-    return Registration(
-        reference=moved_map(reference, dx, dy),
+    return moved_map(reference, dx, dy), MountShift(
         dx=dx,
         dy=dy,
-        likeness=math.fsum(likeness) / len(likeness),
-        unmoved=math.fsum(unmoved) / len(unmoved),
         windows=len(images),
+        likeness=math.fsum(likeness) / len(likeness),
+        likeness_unmoved=math.fsum(unmoved) / len(unmoved),
     )
 
 

@@ -331,21 +331,6 @@ class PlaceFilter:
     def __len__(self) -> int:
         return len(self.state.metric)
 
-    def match(self, distances: npt.NDArray[np.integer], events: int) -> FilterMatch:
-        """Return the match of an unfinished window, without advancing.
-
-        Parameters
-        ----------
-        distances : ndarray of int, shape (K,)
-            From the window to each place.
-        events : int
-            Number of events at the selected pixels in the window.
-        """
-        distances, state = self._checked(distances[np.newaxis]), self.state
-        rows = WindowRows.empty(1, len(self))
-        match_window(state, self.transitions.table, distances[0], events, rows, 0)
-        return FilterMatch(*rows.columns[0].tolist())
-
     def update(self, distances: npt.NDArray[np.integer], events: int) -> FilterMatch:
         """Advance by a finished window, and return its match.
 

@@ -111,8 +111,7 @@ def measure(draw: Draw) -> Iterator[Row]:
             row: dict[str, Any] = {"way": method.name, "shift": shift}
             query, used = ShiftedWindows(second, window_us, shift, shift), mapped
             if method.registered:
-                found = register(mapped, query)
-                used = found.reference
+                used, found = register(mapped, query)
                 row[OFF] = max(abs(found.dx - shift), abs(found.dy - shift))
             matched = used.match(query)
             truth = pair.truth_of(used.places.centre_us, matched.query_time_us)
