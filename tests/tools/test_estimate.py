@@ -490,6 +490,7 @@ def test_flash_and_ram_are_limits_apart():
     assert broken(m4, f"flash={flash}B", f"RAM={ram - 1}B") == f"RAM={ram - 1}B"
     assert broken(m4, f"flash={flash - 1}B", f"ram={ram}B") == f"flash={flash - 1}B"
     assert broken(m4, f"{flash + ram - 1}B") == f"{flash + ram - 1}B"
+    assert broken(m4, "flash=1B", "ram=1B", "1W") == "flash=1B and ram=1B"
     packed = size.packed_bytes
     assert broken(ice, "flash=1B", f"ram={packed}B", f"{packed}B") == ""
     assert broken(ice, f"ram={packed - 1}B") == f"ram={packed - 1}B"

@@ -112,7 +112,7 @@ def on_target(design: Design, mission: Mission, limits: Limits) -> DesignOnTarge
 
 
 def _broken_by(design: Design, of: Cost, used: DeviceMemory, limits: Limits) -> str:
-    """Return which budget or limit of the target a design exceeds; empty if none."""
+    """Return which limit of the target, or else budgets, a design exceeds; empty if none."""
     target = limits.target
     if target.kind == "processor":
         try:
@@ -125,32 +125,34 @@ def _broken_by(design: Design, of: Cost, used: DeviceMemory, limits: Limits) -> 
         return LOGIC_CELLS
     if of.load.low >= 1:
         return SPEED
+    return " and ".join(filter(None, (_over(budget, of, used) for budget in limits.budgets)))
+
+
+def _over(budget: Budget, of: Cost, used: DeviceMemory) -> str:
+    """Return how a budget is exceeded; empty if it is kept."""
     taken = {"flash": used.flash_bytes, "ram": used.ram_bytes, "bytes": used.total}
-    for budget in limits.budgets:
-        if budget.quantity in taken:
-            over = taken[budget.quantity] > budget.limit
-        else:
-            # a board that takes more at rest exceeds the budget whatever its work takes
-            at_rest = of.whole_w is None and of.idle_w is not None and of.idle_w.low > budget.limit
-            if at_rest:
-                return f"more than {budget.text} at rest"
-            watts = of.whole_w or of.marginal_w
-            if watts is None:
-                return POWER
-            over = watts.central > budget.limit
-        if over:
-            return budget.text
-    return ""
+    if budget.quantity in taken:
+        return budget.text if taken[budget.quantity] > budget.limit else ""
+    # a board that takes more at rest exceeds the budget whatever its work takes
+    if of.whole_w is None and of.idle_w is not None and of.idle_w.low > budget.limit:
+        return f"more than {budget.text} at rest"
+    watts = of.whole_w or of.marginal_w
+    if watts is None:
+        return POWER
+    return budget.text if watts.central > budget.limit else ""
 
 
 def blocks_of(of: Design, target: Target) -> tuple[str, bool]:
     """Return the block memories that a design takes, and whether there are as many."""
     needed = block_memories(of, target.block_shapes)
     if needed <= target.blocks or not target.large_blocks:
-        return f"{needed} of {target.blocks} blocks", needed <= target.blocks
+        return f"{needed} of {target.blocks} block memories", needed <= target.blocks
     large, rest = large_and_small_blocks(of, target.large_block_shapes, target.block_shapes)
     enough = rest <= target.blocks and large <= target.large_blocks
-    return f"{rest} of {target.blocks} blocks, {large} of {target.large_blocks} large", enough
+    return (
+        f"{rest} of {target.blocks} block memories, {large} of {target.large_blocks} large ones",
+        enough,
+    )
 
 
 # The recommended design: of those whose accuracy was tried, the smallest that is as good as any.
