@@ -18,7 +18,7 @@ from streams import balanced, from_first, random_events
 
 from edge_vpr.errors import UsageError
 from edge_vpr.events import EVENT_DTYPE, Sensor, make_events
-from edge_vpr.live.protocols import PROTOCOLS, open_decoder, open_encoder, parse_protocol
+from edge_vpr.live.protocols import PROTOCOLS, Health, open_decoder, open_encoder, parse_protocol
 from edge_vpr.live.protocols.aer import read_layout
 from edge_vpr.live.protocols.evpr import HEADER, MAX_FRAME, MAX_STUFFED, stuff
 from edge_vpr.live.protocols.openmv_packets import crc
@@ -413,6 +413,13 @@ def test_evpr_counts_what_was_lost_to_the_event_and_what_the_device_dropped():
     assert health.accounting == "exact"
     assert health.sequence_gaps > 0
     assert "events lost on the way, 1,234 dropped by the device" in health.describe_losses()
+
+
+@pytest.mark.parametrize("accounting", ["exact", "bound", "unknown"])
+def test_the_losses_name_every_event_that_came_and_was_left_out(accounting):
+    health = Health(accounting=accounting, late=3, leaps=1_050, off_sensor=2)
+    said = health.describe_losses()
+    assert said.endswith("; of those that came, left out: 3 late, 1,050 leaps, 2 off sensor")
 
 
 @pytest.mark.parametrize(

@@ -91,7 +91,7 @@ class Health:
     @property
     def rejected(self) -> int:
         """Events that were decoded and not delivered."""
-        return self.late + self.leaps + self.off_sensor + self.undated
+        return sum(getattr(self, name) for name in _REJECTED)
 
     @property
     def losses(self) -> int:
@@ -122,9 +122,15 @@ class Health:
         return ", ".join(parts) or "no faults"
 
     def describe_losses(self) -> str:
-        """Return the number of lost events as text, and how exactly it is known."""
+        """Return the number of lost events as text, how exactly it is known, and those rejected."""
         until = "; what was sent after the link was lost is not known" if self.cut_off else ""
-        return self._known_losses() + until
+        came = [
+            f"{count:,} {name.replace('_', ' ')}"
+            for name in _REJECTED
+            if (count := getattr(self, name))
+        ]
+        rejected = f"; of those that came, left out: {', '.join(came)}" if came else ""
+        return self._known_losses() + rejected + until
 
     def _known_losses(self) -> str:
         dropped = f", {self.device_dropped:,} dropped by the device" if self.device_dropped else ""
@@ -147,4 +153,5 @@ class Health:
 
 
 _FAULTS = tuple(one.name for one in fields(Health) if one.metadata.get("fault", True))
+_REJECTED = ("late", "leaps", "off_sensor", "undated")
 _LOSSES = tuple(one.name for one in fields(Health) if one.metadata.get("loss"))
