@@ -188,7 +188,10 @@ def test_a_map_and_a_recording_in_each_others_place(drive, tmp_path, capsys):
     assert "the map comes first" in says
     says = refused(capsys, "map", drive / "map.npz", "-o", tmp_path / "b.npz")
     assert "map.npz is a map already: name the drives that it is to learn" in says
-    says = refused(capsys, "convert", drive / "map.npz", tmp_path / "b.raw")
+    says = refused(capsys, "convert", drive / "map.npz", tmp_path / "b.elf")
+    assert "map.npz is a map, which edge-vpr convert writes for a device's memory" in says
+    assert "b.elf in .h, .bin or .hex" in says
+    says = refused(capsys, "match", drive / "map.npz", drive / "map.npz", "-o", output)
     assert "map.npz is a reference map, and a recording is expected" in says
     assert archive_kind(drive / "map.npz") == "reference map"
     assert archive_kind(drive / "drive.npz") is None and archive_kind(drive / "none") is None

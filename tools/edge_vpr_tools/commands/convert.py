@@ -46,11 +46,18 @@ def run(args: argparse.Namespace) -> None:
     if suffix in IMAGES:
         _write_image(args, suffix)
         return
+    from edge_vpr.archive import archive_kind
     from edge_vpr.files import check_output
+    from edge_vpr.map_record import KIND
     from edge_vpr.recordings import write_recording
     from edge_vpr_tools.inputs import describe_faults, open_from, tracked
 
     check_output(args.output, [args.input])
+    if archive_kind(args.input) == KIND:
+        raise UsageError(
+            f"{args.input} is a map, which edge-vpr convert writes for a device's memory: end "
+            f"{args.output} in {', '.join(IMAGES[:-1])} or {IMAGES[-1]}"
+        )
     recording = open_from(args, args.input)
     n = write_recording(args.output, tracked(recording, "converting"), overwrite=args.overwrite)
     summary(f"{args.output}: {n:,} events of {recording.sensor}{describe_faults(recording)}")
