@@ -83,7 +83,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="WHEN",
         help="with --online, when to give a match: event (after each one at a selected pixel), "
         "after N events, after a time such as 10ms, window (after each one), or change (when the "
-        "place changes) (default: event; window with --delay)",
+        "place changes) (default: event; window with --delay); by events, more matches come where "
+        "more is seen, and shares of all matches shift with them",
     )
     parser.add_argument_group("mounting").add_argument(
         "--register",
