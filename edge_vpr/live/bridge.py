@@ -6,6 +6,7 @@ Its links are the device's ends of those in `links`.
 from __future__ import annotations
 
 import fcntl
+import math
 import os
 import select
 import socket
@@ -166,7 +167,9 @@ class LineFaults:
     garbage : int
         Random bytes before the start.
     stall : float
-        Seconds of silence, once, a second into the recording; events queue up.
+        Seconds of silence, once; events queue up.
+    stall_at : float
+        When, in seconds of the recording.
     """
 
     drop: float = 0.0
@@ -174,22 +177,27 @@ class LineFaults:
     insert: float = 0.0
     garbage: int = 0
     stall: float = 0.0
+    stall_at: float = 1.0
 
     @classmethod
     def parse(cls, text: str) -> LineFaults:
-        """Read ``drop=1e-4,flip=1e-5,stall=2``."""
+        """Read ``drop=1e-4,flip=1e-5,stall=5@20``, where the stall begins at 20 s."""
         known = {"drop": 1.0, "flip": 1.0, "insert": 1.0, "garbage": 1e6, "stall": 3_600.0}
         values: dict[str, float] = {}
         for item in filter(None, text.split(",")):
             name, _, value = item.partition("=")
-            try:
-                values[name] = float(value)
-            except ValueError:
-                values[name] = -1.0
-            if name not in known or not 0 <= values[name] <= known[name]:
+            if name == "stall":
+                value, later, at = value.partition("@")
+                values["stall_at"] = _number(at) if later else cls.stall_at
+            values[name] = _number(value)
+            if (
+                name not in known
+                or not 0 <= values[name] <= known[name]
+                or not 0 <= values.get("stall_at", 0.0) < math.inf
+            ):
                 raise UsageError(
                     f"fault {item!r}: expected one of {', '.join(known)} and a value, for example "
-                    "drop=1e-4,stall=2"
+                    "drop=1e-4,stall=5@20"
                 )
         garbage = int(values.pop("garbage", 0))
         return cls(garbage=garbage, **values)
@@ -206,6 +214,14 @@ class LineFaults:
         if self.drop:
             raw = raw[rng.random(raw.size) >= self.drop]
         return raw.tobytes()
+
+
+def _number(text: str) -> float:
+    """Return a number; NaN if it is none."""
+    try:
+        return float(text)
+    except ValueError:
+        return math.nan
 
 
 class Bridge:
@@ -297,7 +313,7 @@ class Bridge:
                     self._serve_until(start_s + now / 1e6 / self._speed)
                 else:
                     self._serve_until_held(self._encoder.capacity)
-                if not stalled and now >= 1_000_000:
+                if not stalled and now >= 1e6 * self._faults.stall_at:
                     stalled = True
                     self.stopping.wait(self._faults.stall)
                 self._encode(events)

@@ -22,7 +22,7 @@ class LiveMatch(NamedTuple):
     time_s : float
         Time of the match by the camera's clock, in seconds; NaN in a heartbeat.
     query : int
-        Matches of this session before this one.
+        Matches of this session before this one; one that is given again counts once.
     place : int
         Best place of the map: that whose middle looks most like the newest window.
     distance : float
@@ -43,7 +43,8 @@ class LiveMatch(NamedTuple):
         0 where views resemble the map's, `confidence.OFF_MAP_MISFIT` or more in another place or
         light; -1 for sequences.
     probability : float
-        Probability that the match is correct; NaN if the map has no table of probabilities.
+        Probability that the match is correct; NaN if the map has no table of probabilities; 0 where
+        it is given again because it has become too old.
     lost : bool
         Whether the match is rejected: below the precision that the settings ask for, or older than
         the session's `max_age`.

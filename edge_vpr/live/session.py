@@ -268,6 +268,7 @@ class LiveSession:
         self.removed = Removed()
         self._warm = self._opened = self._closed = self._raised = False
         self._given = self._jumps = self._heard_us = 0
+        self._newest: LiveMatch | None = None
         self._readings: dict[int, int] = {}
         self._fresh: list[tuple[int, float]] = []
 
@@ -414,6 +415,9 @@ class LiveSession:
     def __iter__(self) -> Iterator[LiveMatch]:
         """Yield matches, and heartbeats if they were asked for, until the link ends.
 
+        When none came until the newest was older than `max_age`, that one is given once more, as
+        `lost` and with a `probability` of 0.
+
         A program that takes longer than the matches to come does not fall behind a live camera: of
         matches that were ready at once, those older than half of `max_lag` are left out, but for
         the newest.
@@ -536,7 +540,7 @@ class LiveSession:
         now = time.monotonic()
         self.health.line_errors = reader.line_errors
         if chunk is None:
-            return LiveStep(None, now, self._new_readings())
+            return LiveStep(None, now, self._new_readings(), self._outdated(now))
         self._line.heard(chunk.at_s)
         self._recorder.write_bytes(chunk.data)  # first, so that errors can be reproduced
         self._heard_us = int(1e6 * (time.time() - (now - chunk.at_s)))
@@ -550,7 +554,7 @@ class LiveSession:
         self._recorder.write_events(result.events)
         self._lag.look(result.events, self.decoder.reached_us, time.monotonic())
         self._misfits.look(result.matches["misfit"])
-        found = self._matches(result, self._heard_us)
+        found = self._matches(result, self._heard_us) or self._outdated(time.monotonic())
         return LiveStep(result, chunk.at_s, self._new_readings(), found)
 
     def _oldest_s(self, window_s: float) -> float:
@@ -585,7 +589,21 @@ class LiveSession:
                 )
             )  # fmt: skip
             self._given, self._jumps = self._given + 1, jumps
+        self._newest = found[-1]
         return tuple(found)
+
+    def _outdated(self, now_s: float) -> tuple[LiveMatch, ...]:
+        """Return the newest match once more, as lost, if none came until it was too old."""
+        newest = self._newest
+        if newest is None or newest.lost or self._every is None:
+            return ()
+        # matches at a change of the place hold for as long as the camera is heard
+        held_us = self.decoder.reached_us if self._every.change else int(1e6 * newest.time_s)
+        if not self._lag.age_s(held_us, now_s) > self._newest_max_age_s:
+            return ()
+        age_s = self._lag.age_s(int(1e6 * newest.time_s), now_s)
+        self._newest = newest._replace(lost=True, probability=0.0, age_s=age_s)
+        return (self._newest,)
 
     def _look(self, step: LiveStep) -> None:
         """Do what remains after a step: odometer, requests to the camera, and messages."""

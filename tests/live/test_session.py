@@ -313,7 +313,12 @@ def test_the_matches_of_every_protocol_are_those_of_the_recording(
     address, thread = camera(device, events)
     found = []
     with LiveSession(
-        address, protocol=host, reference=route, reconnect=False, on_overload="wait"
+        address,
+        protocol=host,
+        reference=route,
+        reconnect=False,
+        on_overload="wait",
+        max_age="60s",
     ) as session:
         if taken == "iterated":
             found = list(session)
@@ -377,7 +382,9 @@ def test_a_link_that_is_open_already_is_taken(kind, route, query):
     )
     expected = offline(route, query)["place"].tolist()
     found = []
-    with LiveSession(line.host, protocol="evpr", reference=route, on_overload="wait") as session:
+    with LiveSession(
+        line.host, protocol="evpr", reference=route, on_overload="wait", max_age="60s"
+    ) as session:
         writing = threading.Thread(target=line.write, args=(sent,), daemon=True)
         writing.start()
         for match in session:
@@ -409,6 +416,33 @@ def test_a_heartbeat_comes_when_nothing_else_does(route):
         assert beat.along_m is None
         assert beat.incomplete
         assert beat.query == 0
+    line.close()
+
+
+@pytest.mark.parametrize("every", ["50ms", "change"])
+def test_a_camera_that_falls_silent_is_told_once_by_a_match_that_is_lost(every, route, query):
+    """A program that reads nothing but matches would take the last one to hold for ever."""
+    encoder, line = open_encoder("evpr", SENSOR), Line("pty")
+    found = []
+    with LiveSession(
+        line.host, protocol="evpr", reference=route, every=every, max_age="300ms"
+    ) as session:
+        for part in (query[:20_000], query[20_000:]):
+            camera = threading.Thread(target=line.write, args=(encoder.encode(part),), daemon=True)
+            camera.start()
+            for match in session:
+                found.append(match)
+                if match.lost and match.probability == 0:
+                    break
+        begin = time.monotonic()
+        while time.monotonic() - begin < 0.5:
+            assert not session.poll()
+    said = [i for i, match in enumerate(found) if match.probability == 0]
+    assert len(said) == 2
+    for match, before in ((found[i], found[i - 1]) for i in said):
+        assert match.age_s > 0.3
+        same = {"lost": True, "probability": 0.0, "age_s": match.age_s}
+        assert match._asdict() == pytest.approx({**before._asdict(), **same}, nan_ok=True)
     line.close()
 
 

@@ -58,7 +58,7 @@ def played(events, state, path, host="evpr", device="evpr", **changes):
     camera.start()
     with LiveSession(
         link.address, protocol=host, reference=path, state=state, reconnect=False,
-        on_overload="wait", on_message=said.append, **changes,
+        on_overload="wait", max_age="60s", on_message=said.append, **changes,
     ) as session:  # fmt: skip
         found = list(session)
     camera.join(timeout=5)

@@ -130,7 +130,7 @@ def test_live_matches_are_the_offline_ones_to_the_bit(port, protocol, drive, tmp
     log, raw, events = tmp_path / "run.jsonl", tmp_path / "raw.bin", tmp_path / "events.npz"
     words = ["stream", "--port", address, "--protocol", host, "--map", drive / "map.npz", "--once"]
     words += ["--every", "event", "--log", log, "--record", raw, "--record", events]
-    words += ["--on-overload", "wait", "--baud", "12000000"]
+    words += ["--on-overload", "wait", "--max-age", "60s", "--baud", "12000000"]
     assert main([str(word) for word in words]) == 0
     thread.join(timeout=5)
     assert not thread.is_alive()
@@ -197,7 +197,7 @@ def test_a_real_walk_of_nine_million_events_is_matched_live_as_offline(
     log = tmp_path / "run.jsonl"
     words = ["stream", "--port", link.address, "--protocol", protocol.partition(":")[0]]
     words += ["--map", walks / "map.npz", "--once", "--every", "100ms", "--log", log]
-    words += ["--on-overload", "wait"]
+    words += ["--on-overload", "wait", "--max-age", "60s"]
     assert main([str(word) for word in words]) == 0
     thread.join(timeout=5)
     reference = ReferenceMap.load(walks / "map.npz")
@@ -230,6 +230,25 @@ def test_what_a_bad_line_loses_is_counted_and_the_matches_around_it_are_flagged(
     shares = [row["missing"] for row in rows_of(log, "match")]
     assert 0 < max(shares) < 1
     assert np.mean(shares) == pytest.approx(summary["lost"] / 40_000, rel=0.3)
+
+
+def test_a_reader_of_lines_learns_that_the_camera_is_silent(drive, tmp_path):
+    """The last line of a silence would else be a match that is not lost."""
+    faults = LineFaults.parse("stall=1@1.2")
+    _, address, thread = bridge_thread("virtual", "evpr", drive, speed=1.0, faults=faults)
+    log = tmp_path / "run.jsonl"
+    words = ["stream", "--port", address, "--protocol", "evpr", "--map", drive / "map.npz"]
+    words += ["--once", "--log", log, "--max-age", "500ms", "--baud", "12000000"]
+    assert main([str(word) for word in words]) == 0
+    thread.join(timeout=5)
+    rows = rows_of(log, "match")
+    (last,) = (i for i, row in enumerate(rows) if row["probability"] == 0)
+    assert rows[last]["lost"]
+    assert rows[last]["age_s"] > 0.5
+    assert rows[last]["time_s"] == rows[last - 1]["time_s"] == pytest.approx(1.2, abs=0.1)
+    assert not rows[last - 1]["lost"] and not rows[-1]["lost"]
+    (summary,) = rows_of(log, "summary")
+    assert summary["matches"] == len(rows) - 1
 
 
 def test_an_overload_is_flagged_until_the_windows_are_whole_again(reference, events):
@@ -465,7 +484,9 @@ def test_a_map_of_another_sensor_is_refused(drive):
         LiveLocaliser(open_decoder("evt2", Sensor(10, 10)), ReferenceMap.load(drive / "map.npz"))
 
 
-@pytest.mark.parametrize("text", ["drop=2", "drop", "colour=1", "stall=-1"])
+@pytest.mark.parametrize(
+    "text", ["drop=2", "drop", "colour=1", "stall=-1", "stall=2@", "stall=2@x", "stall=2@nan"]
+)
 def test_faults_that_make_no_sense_are_refused(text):
     with pytest.raises(UsageError, match="expected one of drop, flip"):
         LineFaults.parse(text)
@@ -906,6 +927,19 @@ def test_the_terminal_shows_where_we_are_and_what_is_wrong(sent, monkeypatch, re
     view.matches(step_of(step)._replace(matches=(newest._replace(lost=True),)))
     view.tick(LiveStatus(live.decoder.health, live.filled))
     assert f"lost, at best place {last['place']} of 29" in shown[-1]
+    assert "ratio" not in shown[-1]  # of a place where the robot is not
+    sure = newest._replace(probability=0.97)
+    for probability, age_s, silent_s, place in (
+        ("probability 0.97", 0.1, 0.0, "place"),
+        ("", 0.1, 3.0, "lost, last at place"),  # a pipe has no age
+        ("", 3.0, 0.0, "lost, last at place"),
+    ):
+        view.matches(step_of(step)._replace(matches=(sure._replace(age_s=age_s),)))
+        live.decoder.health.silent_s = silent_s
+        view.tick(LiveStatus(live.decoder.health, live.filled, max_age_s=2.0))
+        assert f"place  {place}" in shown[-1]
+        assert ("probability" in shown[-1]) == bool(probability)
+    live.decoder.health.silent_s = 0.0
     assert (
         f"ratio {last['ratio']:.3f}, {100 * step.missing[-1]:.0f} % of its events lost" in shown[2]
     )

@@ -97,6 +97,7 @@ def test_it_says_when_the_place_the_camera_or_the_run_is_lost(browser, server):
     send(server, HEALTH, match(10), match(11, lost=True, probability=0.3))
     browser.wait_for(f"{where} == 'lost'")
     assert text(browser, "how") == "last seen at 30.0 m of 177 m"
+    assert text(browser, "chance") == "lost"
     assert browser.value("document.querySelector('.robot').classList.contains('old')")
     send(server, match(12, age_s=2.5))
     browser.wait_for("document.getElementById('how').textContent.startsWith('this match is')")

@@ -277,18 +277,16 @@ class View:
             self.say("http", f"matches are at {server.address}", over=True)
 
     def matches(self, step: LiveStep) -> None:
-        """Count and write the matches of a piece of bytes."""
-        if step.result is None:
-            return
-        lag_s = time.monotonic() - step.at_s
-        if step.result.events.size:
-            self._lag_s = lag_s
-            self._lags.add(lag_s)
+        """Count and write the matches of a step."""
+        if step.result is not None and step.result.events.size:
+            self._lag_s = time.monotonic() - step.at_s
+            self._lags.add(self._lag_s)
         if step.matches:
             lines = [row_of(match, self._coordinates) for match in step.matches]
             if self._json:  # first: a program may wait at the other end of a pipe
                 self._print(*lines)
-            self._newest, self.matched = step.matches[-1], self.matched + len(lines)
+            self._newest = step.matches[-1]
+            self.matched = self._newest.query + 1  # one that was given again counts once
             self.accepted += sum(not match.lost for match in step.matches)
             for line in lines:
                 self._hand_on("match", line)
@@ -398,23 +396,17 @@ class View:
             texts["health"] = "link lost" if str(health) == "no faults" else f"link lost, {health}"
             return texts
         if (newest := self._newest) is not None:
-            gone = health.silent_s > status.max_age_s
+            # an age that is not known is NaN, and comes last
+            gone = max(health.silent_s, newest.age_s) > status.max_age_s
             texts["place"] = ("lost, last at " if gone else "lost, at best " * newest.lost) + (
                 f"place {newest.place} of {self._places}"
                 f" ({100 * self._position(filled):.0f} % of the route)"
             )
             if newest.along_m is not None:
                 texts["place"] += f", at {newest.along_m:,.1f} m"
-            certainty = "ratio -" if math.isnan(newest.ratio) else f"ratio {newest.ratio:.3f}"
-            if not math.isnan(newest.probability):
-                certainty = f"probability {newest.probability:.2f}"
-            texts["certainty"] = certainty
-            if newest.misfit >= OFF_MAP_MISFIT:
-                texts["certainty"] += f", {OFF_MAP_TEXT}"
-            if newest.missing == 1:
-                texts["certainty"] += ", after a gap of unknown size"
-            elif newest.missing:
-                texts["certainty"] += f", {100 * newest.missing:.0f} % of its events lost"
+            certainty = list(self._certainty(newest, gone=gone))
+            if certainty:
+                texts["certainty"] = ", ".join(certainty)
         elif self._places:
             texts["place"] = f"waiting for the first match: {100 * filled:.0f} %"
         if health.events:
@@ -423,6 +415,19 @@ class View:
                 texts["latency"] += f", {health.lag_us / 1e3:,.0f} ms late"
         texts["health"] = str(health)
         return texts
+
+    def _certainty(self, match: LiveMatch, *, gone: bool) -> Iterator[str]:
+        """Yield how certain a match is; a place where the robot is not has no probability."""
+        if not (gone or match.lost):
+            known = not math.isnan(match.probability)
+            ratio = "ratio -" if math.isnan(match.ratio) else f"ratio {match.ratio:.3f}"
+            yield f"probability {match.probability:.2f}" if known else ratio
+        if match.misfit >= OFF_MAP_MISFIT:
+            yield OFF_MAP_TEXT
+        if match.missing == 1:
+            yield "after a gap of unknown size"
+        elif match.missing:
+            yield f"{100 * match.missing:.0f} % of its events lost"
 
     def _position(self, filled: float) -> float:
         """Return the share of the route before the newest match, or of the time until the first."""

@@ -12,7 +12,7 @@ from edge_vpr_tools.flags import add_reading_arguments
 EXAMPLES = """\
   edge-vpr bridge tuesday.raw
   edge-vpr bridge tuesday.raw --port tcp://:7000 --protocol evt3
-  edge-vpr bridge tuesday.raw --faults drop=1e-4,stall=2"""
+  edge-vpr bridge tuesday.raw --faults drop=1e-4,stall=5@20"""
 MAIN_FLAGS = ("--port", "--protocol", "--speed", "--faults", "--sensor", "--start", "--end")
 
 
@@ -45,7 +45,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     faults.add_argument(
         "--faults", default="", metavar="LIST",
         help="faults of the line to imitate: drop=P, flip=P, insert=P (probability per byte), "
-        "garbage=BYTES, stall=SECONDS (default: none)",
+        "garbage=BYTES, stall=SECONDS[@TIME], which is silent from TIME on, or from 1 s "
+        "(default: none)",
     )  # fmt: skip
     faults.add_argument("--seed", type=int, default=0, help="seed of random faults")
     add_reading_arguments(parser)
