@@ -27,8 +27,7 @@ from edge_vpr.settings import PRESETS, Settings
 from edge_vpr_tools.console import warning
 from edge_vpr_tools.report.tables import TableView
 from edge_vpr_tools.research.baselines import Baseline, baseline_names, compare, open_baseline
-from edge_vpr_tools.research.baselines.baseline import Images, fastest
-from edge_vpr_tools.research.baselines.dense import OrientedGradients, PatchNormalised
+from edge_vpr_tools.research.baselines.baseline import fastest
 from edge_vpr_tools.research.baselines.selected_pixels import SelectedPixels
 from edge_vpr_tools.research.experiments.drives import contests
 from edge_vpr_tools.research.experiments.experiment import CHOSEN_ON, Draw, Experiment, Row, Rows
@@ -134,57 +133,58 @@ def our_systems(pair: CountedPair, seed: int) -> Iterator[System]:
 
 
 def rivals_of(draw: Draw) -> Iterator[System]:
-    """Yield the rivals that can be used on these drives, and that this seed makes a difference to.
-
-    The user's baselines are among them on drives whose pixels are known.
-    """
+    """Yield the rivals that these drives and this seed make a difference to."""
     pair: CountedPair = draw.pair
-    for name, baseline in _baselines(pair, draw):
+    drives = (pair.reference, pair.query)
+    for rival in _baselines(pair, draw):
+        images = (one.on_sensor if rival.of_images else one.images for one in drives)
         try:
-            found = compare(baseline, *_images(pair, baseline))
-        except UsageError:  # as where the surrounds of the pixels do not fit the sensor
+            found = compare(rival.baseline, *images)
+        except UsageError as error:  # as where the surrounds of the pixels do not fit the sensor
+            if rival.asked:
+                warning(f"{rival.title} is left out of {pair.name}: {error}")
             continue
         yield System(
-            name, BY_AUTHORS, partial(pair.match, found.distances), found.bytes_per_place,
+            rival.title, BY_AUTHORS, partial(pair.match, found.distances), found.bytes_per_place,
             found.operations, found.query_us,
         )  # fmt: skip
 
 
 #: baselines that draw pixels, so that several draws differ
 DRAWN = ("paper", "seed-code")
-#: rivals on drives of which only some pixels were published
-_ANYWHERE = ("all-pixels", "all-pixels@1,2,4", "patch-normalised", "active-pixels", "hog")
-#: those that compare the neighbours of a pixel
-_OF_IMAGES = (PatchNormalised, OrientedGradients)
+#: rivals on drives of which only some pixels were published: those that take each pixel by itself,
+#: and those that compare neighbours, and therefore get images of the sensor
+_BY_PIXEL = ("all-pixels", "all-pixels@1,2,4", "active-pixels")
+_OF_IMAGES = ("patch-normalised", "hog")
 
 
-def _images(pair: CountedPair, baseline: Baseline) -> tuple[Images, Images]:
-    """Return the windows of the reference and of the query as a baseline takes them."""
-    if isinstance(baseline, _OF_IMAGES):
-        return pair.reference.on_sensor, pair.query.on_sensor
-    return pair.reference.images, pair.query.images
+class _Rival(NamedTuple):
+    title: str
+    baseline: Baseline
+    of_images: bool = False  #: Whether it gets images of the sensor, not of the given pixels.
+    asked: bool = False  #: Whether the user added it.
 
 
-def _baselines(pair: CountedPair, draw: Draw) -> Iterator[tuple[str, Baseline]]:
-    names = [*baseline_names(), *draw.systems] if pair.laid_out else list(_ANYWHERE)
-    for name in dict.fromkeys(names):
+def _baselines(pair: CountedPair, draw: Draw) -> Iterator[_Rival]:
+    names = baseline_names() if pair.laid_out else (*_BY_PIXEL, *_OF_IMAGES)
+    for name in dict.fromkeys((*names, *draw.systems)):
         if draw.is_new or name in DRAWN:
             baseline = open_baseline(name, draw.seed)
-            yield baseline.title, baseline
+            yield _Rival(baseline.title, baseline, name not in _BY_PIXEL, name in draw.systems)
     if not draw.is_new:
         return
     if not pair.laid_out:
         given = {"pixels": pair.pixels, "strategy": "top"}
         settings = PRESETS["seed-code"].replaced(given, "released code")
         title = "seed-code: the given pixels, clipped at 10, SAD"
-        yield title, SelectedPixels(title, settings)
+        yield _Rival(title, SelectedPixels(title, settings))
     for path in pair.weights:
         try:
             baseline = open_baseline(f"lens:{path}", draw.seed)
         except MissingExtraError as error:
             warning(f"LENS is left out: {error}")
             continue
-        yield f"LENS, {path.name.split('_')[0]}", baseline
+        yield _Rival(f"LENS, {path.name.split('_')[0]}", baseline)
 
 
 # What is measured of each row.
