@@ -691,7 +691,9 @@ class MatchResult:
         found = [*truth.notes, *unjudged(truth, *at)]
         if tracks is not None:
             reference, query = tracks
-            found += swapped_sides(truth, lambda: self._truth(query, reference, tolerance_m), *at)
+            found += swapped_sides(
+                truth, lambda: self._truth(query, reference, tolerance_m), self.matches
+            )
             correct, judged = correct_of(truth, *at)
             # otherwise no offset can be clearly better
             if correct < (1 - doubts.MORE_CORRECT) * judged:
@@ -706,8 +708,8 @@ class MatchResult:
             return ()
         times_us = self.reference.place_time_us, self.query_time_us
         return swapped_sides(
-            truth, lambda: with_columns_swapped(truth, *times_us), self.matches.place,
-            self.matches.query, "alignment's columns",
+            truth, lambda: with_columns_swapped(truth, *times_us), self.matches,
+            "alignment's columns",
             "give the moments in the query first, or correct the names in the header",
         )  # fmt: skip
 

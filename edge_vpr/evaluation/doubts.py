@@ -444,32 +444,45 @@ def best_offset(
     )  # fmt: skip
 
 
-#: An offset is clear if it is at least one window long, and the share of correct matches rises by
-#: at least the first number, to at least the second. The third replaces the second for matches with
-#: probabilities, whose mean must agree. Chosen on eight simulated streets.
-MORE_CORRECT, _CLEAR_SHARE, _CLEAR_SHARE_PROBABLE = 0.15, 0.5, 0.3
+#: Another offset or order is offered if the share of correct matches rises by at least the first
+#: number, to at least the second, and the mean probability of the matches, where it is known, is
+#: not below the second either. Chosen on simulated streets.
+MORE_CORRECT, _MOST = 0.15, 0.5
 
 
-def is_clear(
-    offset: Offset | None, window_s: float, probability: npt.NDArray[np.float64] | None = None
-) -> TypeGuard[Offset]:
-    """Return whether an offset is better than none beyond doubt; see `best_offset`.
+def fits_far_better(
+    correct: int,
+    judged: int,
+    correct_before: int,
+    judged_before: int,
+    probability: npt.NDArray[np.float64],
+) -> bool:
+    """Return whether far more of the matches, and most of them, would be correct than before.
 
     Parameters
     ----------
-    probability : ndarray of float64, shape (n,), optional
-        Of the matches. Matches in another street fit some offset by chance, but are improbable.
+    probability : ndarray of float64, shape (n,)
+        Of the matches. Those in another street fit some offset by chance, but are improbable.
     """
-    if offset is None or abs(offset.seconds) < window_s:
-        return False
-    share = offset.correct / max(offset.judged, 1)
-    before = offset.correct_before / max(offset.judged_before, 1)
-    least = _CLEAR_SHARE
-    if probability is not None and not np.isnan(probability).all():
-        if float(np.nanmean(probability)) < before + MORE_CORRECT:
-            return False
-        least = _CLEAR_SHARE_PROBABLE
-    return share >= before + MORE_CORRECT and share >= least
+    # an offset at which few matches can be judged is no better for those few
+    share = correct / max(judged, judged_before, 1)
+    before = correct_before / max(judged_before, 1)
+    known = probability[~np.isnan(probability)]
+    probable = not known.size or float(known.mean()) >= _MOST
+    return probable and share >= max(before + MORE_CORRECT, _MOST)
+
+
+def is_clear(
+    offset: Offset | None, window_s: float, probability: npt.NDArray[np.float64]
+) -> TypeGuard[Offset]:
+    """Return whether an offset of at least a window fits far better; see `best_offset`."""
+    return (
+        offset is not None
+        and abs(offset.seconds) >= window_s
+        and fits_far_better(
+            offset.correct, offset.judged, offset.correct_before, offset.judged_before, probability
+        )
+    )
 
 
 def _same(reference: Track, query: Track) -> bool:

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from fractions import Fraction
 from functools import partial
 from pathlib import Path
-from typing import Any, Literal, NamedTuple
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -28,6 +28,9 @@ from edge_vpr.evaluation.tracks import (
 from edge_vpr.files import open_input
 from edge_vpr.recordings import parse_period
 from edge_vpr.route import Kind
+
+if TYPE_CHECKING:
+    from edge_vpr.matching.matches import Matches
 
 #: Number of distances that are computed at a time: a few arrays of 8 MB.
 BLOCK_CELLS = 1 << 20
@@ -764,9 +767,6 @@ def load_matrix(path: str | Path) -> npt.NDArray[np.generic]:
 
 #: if a larger share of the matches cannot be judged, a note says so
 _MUCH_UNKNOWN = 0.05
-#: swapped logs or columns are reported if this share of the matches becomes correct. Chosen by
-#: judgement.
-_SWAPPED_BY = 0.3
 
 
 def unjudged(
@@ -795,8 +795,7 @@ def unjudged(
 def swapped_sides(
     truth: GroundTruth,
     swapped: Callable[[], GroundTruth],
-    place: npt.NDArray[np.integer],
-    query: npt.NDArray[np.integer],
+    matches: Matches,
     sides: str = "two logs",
     remedy: str = "name the log of the reference first",
 ) -> tuple[str, ...]:
@@ -809,18 +808,19 @@ def swapped_sides(
     sides, remedy : str
         What is swapped, and what to do.
     """
-    correct, judged = correct_of(truth, place, query)
-    if correct >= (1 - _SWAPPED_BY) * judged:
+    at = matches.place, matches.query
+    correct, judged = correct_of(truth, *at)
+    if correct >= (1 - doubts.MORE_CORRECT) * judged:
         return ()
     try:
-        other, of = correct_of(swapped(), place, query)
+        other, of = correct_of(swapped(), *at)
     except GroundTruthError:  # they fit these drives in one order only
         return ()
-    if other * judged <= (correct + _SWAPPED_BY * judged) * of:
+    if not doubts.fits_far_better(other, of, correct, judged, matches.probability):
         return ()
     return (
         f"with the {sides} in the other order, {other / of:.0%} of the matches would be correct "
-        f"instead of {correct / judged:.0%}: {remedy}",
+        f"instead of {correct / max(judged, 1):.0%}: {remedy}",
     )
 
 

@@ -581,10 +581,24 @@ def test_what_makes_a_truth_doubtful_is_a_warning_and_in_the_report(tmp_path):
             found = result.evaluate(tracks, tolerance)
         assert [str(one.message) for one in said] == list(found.truth.notes)
         assert words in "; ".join(found.truth.notes)
+        assert "doubtful truth" in repr(found)
+    assert "doubtful" not in repr(whole)
     result.report(tmp_path / "result", found)
     assert "cannot be judged" in (tmp_path / "result" / "report.html").read_text()
     recorded = json.loads((tmp_path / "result" / "metrics.json").read_text())["evaluated_by"]
     assert recorded["warnings"] == list(found.truth.notes)
+
+
+@pytest.mark.parametrize(
+    ("street", "other", "smooth"), [(0, 5, False), (0, 1, False), (3, 0, True)]
+)
+def test_chance_in_another_street_is_no_reason_for_other_clocks_or_orders(street, other, smooth):
+    first, _ = simulate_pair(street, "tiny", length_m=60)
+    _, second = simulate_pair(other, "tiny", length_m=60)
+    route = ev.ReferenceMap.build(first, pixels=50)
+    with pytest.warns(ev.EdgeVprWarning) as said:
+        route.match(second, smooth=smooth).evaluate((first.track, second.track), 10)
+    assert not any("would be correct" in str(one.message) for one in said)
 
 
 def test_an_alignment_with_swapped_columns_is_doubted():
