@@ -628,12 +628,18 @@ def test_the_name_of_a_file_cannot_write_on_the_terminal(tmp_path, capsys):
     assert capsys.readouterr().err.rstrip("\n").isprintable()
 
 
-@pytest.mark.parametrize("knows_speed", [True, False])
-def test_tau_auto_fits_the_window_to_a_slow_robot(knows_speed, tmp_path, capsys):
+@pytest.mark.parametrize("log", ["metres", "kilometres", "none"])
+def test_tau_auto_fits_the_window_to_a_slow_robot(log, tmp_path, capsys):
+    """A log that is probably in kilometres tells no speed."""
     drives = tmp_path / "drives"
     words = ["simulate", "-o", drives, "--sensor", "tiny", "--length", "15", "--speed", "1"]
     assert main([str(word) for word in words]) == 0
-    track = ["--track", str(drives / "reference_track.csv")] if knows_speed else []
+    file = drives / "reference_track.csv"
+    if log == "kilometres":
+        header, *rows = (line.split(",") for line in file.read_text().splitlines())
+        scaled = [header, *([time, str(float(at) / 1e3)] for time, at in rows)]
+        file.write_text("\n".join(map(",".join, scaled)))
+    track = [] if log == "none" else ["--track", str(file)]
 
     def mapped(*flags):
         path = tmp_path / "map.npz"
@@ -642,10 +648,11 @@ def test_tau_auto_fits_the_window_to_a_slow_robot(knows_speed, tmp_path, capsys)
         return ReferenceMap.load(path), capsys.readouterr().err
 
     short, warned = mapped("--tau", "500ms")
+    assert ("in a window" in warned) == (log == "metres")
     named = int(re.search(r"map with --tau (\d+)ms", warned)[1])
     fitting, warned = mapped("--tau", "auto")
     assert "map with --tau" not in warned
-    if knows_speed:
+    if log == "metres":
         travel_m = np.median(np.diff(fitting.along_mm[:: fitting.settings.window_parts])) / 1e3
         assert 2 <= travel_m <= 3
     else:

@@ -181,7 +181,7 @@ def run(args: argparse.Namespace) -> None:
         if fits:
             settings = _with_fitting_window(args, settings, track)
         reference, seconds = _mapped(args, settings, recording, track, removed)
-        if concern := slow_concern(reference):
+        if concern := slow_concern(reference, track):
             warning(f"{args.recording}: {concern}")
     for drive, track in itertools.zip_longest(args.more, of_drives):
         other = open_source(args, drive, reference.camera)
@@ -279,7 +279,7 @@ def _with_fitting_window(
     with warnings.catch_warnings():  # the map that is kept has the same
         warnings.simplefilter("ignore", EdgeVprWarning)
         reference, _ = _mapped(args, settings, recording, track, Removed())
-    tau_us, _ = fitting_window(reference)
+    tau_us, _ = fitting_window(reference, track)
     chosen = settings.replaced({"tau_us": tau_us}, "--tau auto")
     summary(f"--tau auto: windows of {tau_us / 1e6:g} s")
     return chosen
@@ -291,8 +291,13 @@ WINDOW_MM, LEAST_MM = 2_500, 2_000
 ENOUGH_EVENTS, FEW_EVENTS = 3.0, 2.0
 
 
-def fitting_window(reference: ReferenceMap) -> tuple[int, str]:
+def fitting_window(reference: ReferenceMap, track: Track | None = None) -> tuple[int, str]:
     """Return the length of window that fits the speed of the map's drive.
+
+    Parameters
+    ----------
+    track : Track, optional
+        Of that drive; one whose unit is in doubt, such as kilometres, tells no speed.
 
     Returns
     -------
@@ -305,7 +310,11 @@ def fitting_window(reference: ReferenceMap) -> tuple[int, str]:
     """
     import numpy as np
 
+    from edge_vpr.evaluation.tracks import unit_doubts
+
     settings, along_mm = reference.settings, reference.along_mm
+    if reference.odometer_mm is None and track is not None and unit_doubts(track):
+        along_mm = None
     tau_us, short = settings.tau_us, ""
     moved = np.empty(0)
     if along_mm is not None:
@@ -324,11 +333,11 @@ def fitting_window(reference: ReferenceMap) -> tuple[int, str]:
     return max(tau_us, round(tau_us * share / 100_000) * 100_000), short
 
 
-def slow_concern(reference: ReferenceMap) -> str:
+def slow_concern(reference: ReferenceMap, track: Track | None = None) -> str:
     """Return a warning if windows are too short for the speed of the drive; else empty."""
     if reference.settings.window != "time":
         return ""
-    tau_us, short = fitting_window(reference)
+    tau_us, short = fitting_window(reference, track)
     return short and (
         f"{short}, and with so little few live matches are confident: for a drive as slow as this, "
         f"map with --tau {tau_us // 1_000}ms"
