@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import html
 import json
 import os
 import re
@@ -271,6 +272,15 @@ def test_logs_in_the_wrong_order_are_noticed_by_the_matches(drive, tmp_path, cap
     out, err = capsys.readouterr()
     assert "P@100R 0.000" in out
     assert "in the other order, 100% of the matches would be correct instead of 0%" in err
+    # in kilometres every match is correct, and nothing is known
+    reference.write_text("time_s,position_m\n0,0\n3,0.03\n")
+    query.write_text("time_s,position_m\n0,0.003\n3,0.033\n")
+    assert cli.main([*evaluate, str(reference), str(query)]) == 0
+    verdict, figures, *_ = capsys.readouterr().out.splitlines()
+    assert verdict.startswith("By a doubtful truth (see the warnings), ")
+    assert "P@100R 1.000" in figures and figures.endswith("(doubtful truth)")
+    assert json.loads((results / "metrics.json").read_text())["verdict"] == verdict
+    assert verdict in html.unescape((results / "report.html").read_text())
 
 
 def test_much_that_was_removed_as_bursts_is_a_warning(tmp_path, capsys, monkeypatch):

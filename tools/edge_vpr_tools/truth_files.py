@@ -156,6 +156,7 @@ def load_evaluated(
     -------
     result : MatchResult
     truth : GroundTruth
+        With these doubts as its notes.
     files : TruthFiles
         Of the truth, with the offsets that were used.
 
@@ -189,7 +190,8 @@ def load_evaluated(
         if not advice:
             raise
         raise GroundTruthError(f"{error}; {advice[0]}") from None
-    for line in result.doubts_of(truth, *asked, remedy):
+    truth = replace(truth, notes=result.doubts_of(truth, *asked, remedy))
+    for line in truth.notes:
         warning(line)
     return result, truth, files
 

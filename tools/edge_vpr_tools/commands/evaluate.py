@@ -156,6 +156,7 @@ def run(args: argparse.Namespace) -> None:
         f"P@100R {found.precision_at_100_recall:.3f}   R@99P {found.recall_at_99_precision:.3f}   "
         f"average precision {found.average_precision:.3f}   "
         + "   ".join(f"Recall@{n} {recall:.3f}" for n, recall in found.recall_at.items())
+        + "   (doubtful truth)" * bool(truth.notes)
     )
     if others:
         table(*tolerance_table(by_tolerance), width=_WIDTH)
