@@ -147,6 +147,7 @@ class MapRecord(EqualByValue):
     learnt_mean: npt.NDArray[np.int32] | None = None
     drives: npt.NDArray[np.uint8] | None = None
     start_us: int = 0
+    clock_us: int = 0
 
     def __post_init__(self) -> None:
         self.check()
@@ -406,6 +407,8 @@ class MapRecord(EqualByValue):
             meta["frame_period"] = str(self.frame_period)
         if self.start_us:
             meta["start_us"] = self.start_us
+        if self.clock_us:
+            meta["clock_us"] = self.clock_us
         write_archive(path, KIND, arrays, meta, overwrite=overwrite, others=others)
 
     @classmethod
@@ -432,6 +435,7 @@ class MapRecord(EqualByValue):
                 route=Route.from_arrays(arrays, meta),
                 frame_period=Fraction(meta["frame_period"]) if "frame_period" in meta else None,
                 start_us=meta.get("start_us", 0),
+                clock_us=meta.get("clock_us", 0),
                 **{name: arrays.get(name) for name in _OPTIONAL},
             )
         earlier = found.settings.matching == "filter" and meta.get("trust_rule") != TRUST_RULE

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 import warnings
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from importlib import import_module
@@ -47,7 +47,7 @@ from edge_vpr.evaluation.ground_truth import (
 from edge_vpr.evaluation.metrics import Evaluation, RecallDenominator, evaluate
 from edge_vpr.evaluation.tables import TableData, load_jumps, load_odometry
 from edge_vpr.evaluation.track_files import AnyTrack, load_track
-from edge_vpr.evaluation.tracks import Track, with_positions
+from edge_vpr.evaluation.tracks import UNIX_US, Track, with_positions
 from edge_vpr.events import TIME_LIMIT_US, SensorSize
 from edge_vpr.learning import MapUpdate, learn_drive
 from edge_vpr.map_record import KIND, MapRecord, check_matchable, describe_query, map_traverse
@@ -143,6 +143,10 @@ class ReferenceMap(MapRecord):
         of the places are this mean, rounded.
     drives : ndarray of uint8, shape (K,), optional
         How many drives each place was learnt from; larger numbers than 4 count as 4.
+    start_us : int
+        Where the part that was mapped (`Recording.cropped`, ``--start``) begins in the recording.
+    clock_us : int
+        Start of the recording, where its clock counts from 1970; else 0.
     """
 
     @classmethod
@@ -228,6 +232,7 @@ class ReferenceMap(MapRecord):
             cls.of(found),
             frame_period=getattr(drive, "frame_period", None),
             start_us=getattr(drive, "cropped_us", 0),
+            clock_us=_unix_start(drive),
         )
         check_matchable(made)
         if "pixels" in changes and pixel_map is None and made.settings.pixels < chosen.pixels:
@@ -238,9 +243,8 @@ class ReferenceMap(MapRecord):
                 stacklevel=2,
             )
         if track is not None:
-            start_us = getattr(drive, "start_us", None)
-            made = with_positions(made, track, start_us)
-            clock_us = 0 if start_us is None else start_us - made.start_us
+            clock_us = getattr(drive, "start_us", made.start_us) - made.start_us
+            made = with_positions(made, track, clock_us)
             for note in doubts.drive_notes(track, made.place_time_us, clock_us):
                 warnings.warn(f"track: {note}", EdgeVprWarning, stacklevel=2)
         if odometry is not None:
@@ -370,8 +374,9 @@ class ReferenceMap(MapRecord):
         start_us = getattr(drive, "cropped_us", 0)
         windows = None if result.windows is None else reference.coded(result.windows)
         return replace(
-            result, reference=reference, inputs=inputs, start_us=start_us, windows=windows
-        )
+            result, reference=reference, inputs=inputs, start_us=start_us,
+            clock_us=_unix_start(drive), windows=windows,
+        )  # fmt: skip
 
     def localiser(
         self,
@@ -603,6 +608,8 @@ class MatchResult:
         Files that were read, as far as they are known.
     start_us : int
         Where the part that was matched (`Recording.cropped`, ``--start``) begins in the recording.
+    clock_us : int
+        Start of the recording, where its clock counts from 1970; else 0.
     """
 
     reference: ReferenceMap
@@ -612,6 +619,7 @@ class MatchResult:
     removed: Removed = field(default_factory=Removed)
     inputs: tuple[str, ...] = ()
     start_us: int = 0
+    clock_us: int = 0
     windows: Descriptors | None = None
 
     def __len__(self) -> int:
@@ -688,7 +696,7 @@ class MatchResult:
             Returns how to use an offset of one of them.
         """
         at = self.matches.place, self.matches.query
-        found = [*truth.notes, *unjudged(truth, *at)]
+        found = [*self._clock_notes(tracks), *truth.notes, *unjudged(truth, *at)]
         if tracks is not None:
             reference, query = tracks
             found += swapped_sides(
@@ -701,6 +709,16 @@ class MatchResult:
         else:
             found += self._swapped_columns(truth)
         return tuple(found)
+
+    def _clock_notes(self, tracks: tuple[Track, Track] | None) -> Iterator[str]:
+        """Yield a note for each track that began at another instant than its recording."""
+        drives = (
+            ("reference", self.reference.place_time_us, self.reference.clock_us),
+            ("query", self.query_time_us, self.clock_us),
+        )
+        for (name, times_us, clock_us), track in zip(drives, tracks or (), strict=False):
+            for found in doubts.clock_notes(track, times_us, clock_us):
+                yield f"{name} log: {found}"
 
     def _swapped_columns(self, truth: GroundTruth) -> tuple[str, ...]:
         """Return a note if the matches fit an alignment far better whose columns are swapped."""
@@ -971,7 +989,8 @@ class MatchResult:
             write_queries(folder / WINDOWS, self.windows)
         left_out = removed_record(self.removed, int(self.reference.hot.sum()))
         settings = self.matches.settings.to_dict()
-        write_json(folder / RUN, run_record(settings, inputs, left_out, self.start_us))
+        run = run_record(settings, inputs, left_out, self.start_us, self.clock_us)
+        write_json(folder / RUN, run)
         write_json(folder / METRICS, {} if self.metrics is None else self.metrics)
 
     @classmethod
@@ -986,7 +1005,8 @@ class MatchResult:
         path = as_path(folder, "a folder of results")
         if not path.is_dir():
             raise MapError(f"{path} is not a folder of results: run edge-vpr match first")
-        start_us = (read_run(path).start_us or 0) if (path / RUN).is_file() else 0
+        run = read_run(path) if (path / RUN).is_file() else None
+        start_us, clock_us = (run.start_us or 0, run.clock_us or 0) if run else (0, 0)
         if not 0 <= start_us <= TIME_LIMIT_US:
             raise MapError(f"{path / RUN} has start_us {start_us!r}: match again")
         return cls(
@@ -994,6 +1014,7 @@ class MatchResult:
             Matches.load(path / MATCHES),
             read_queries(path),
             start_us=start_us,
+            clock_us=clock_us,
             windows=read_queries(path, WINDOWS),
         )
 
@@ -1065,6 +1086,12 @@ def _of_part(drive: object, readings: _Timed) -> _Timed:
         return readings
     moved: Any = replace(readings, time_us=readings.time_us - start_us)
     return moved
+
+
+def _unix_start(drive: object) -> int:
+    """Return where a whole recording begins on its clock, if that counts from 1970; else 0."""
+    start_us = int(getattr(drive, "start_us", 0)) - int(getattr(drive, "cropped_us", 0))
+    return start_us if start_us >= UNIX_US else 0
 
 
 def _check_reading(changes: Mapping[str, Any], by: str) -> None:

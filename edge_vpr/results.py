@@ -369,6 +369,8 @@ class RunRecord:
     warnings: tuple[str, ...] | None = field(default=None, metadata=LEFT_OUT)
     #: Where the part that was read (--start) begins in the recording, in microseconds; None if 0.
     start_us: int | None = field(default=None, metadata=LEFT_OUT)
+    #: Start of the recording, where its clock counts from 1970, in microseconds; None if not.
+    clock_us: int | None = field(default=None, metadata=LEFT_OUT)
 
 
 def run_record(
@@ -376,6 +378,7 @@ def run_record(
     inputs: Iterable[str | Path],
     removed: RemovedEvents | None = None,
     start_us: int = 0,
+    clock_us: int = 0,
 ) -> RunRecord:
     """Describe this run, for `run.json`.
 
@@ -389,6 +392,8 @@ def run_record(
         By cleaning.
     start_us : int
         Where the part that was read begins in the recording.
+    clock_us : int
+        Start of the recording, where its clock counts from 1970; else 0.
     """
     versions = {"python": platform.python_version()}
     versions |= {name: version(name) for name in ("edge-vpr", "numpy", "numba")}
@@ -403,6 +408,7 @@ def run_record(
         removed=removed,
         warnings=warnings_so_far() or None,
         start_us=start_us or None,
+        clock_us=clock_us or None,
     )
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import datetime as dt
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
@@ -13,6 +14,7 @@ import numpy.typing as npt
 from edge_vpr.evaluation.tracks import (
     APART_M,
     SHORT_GAP_US,
+    UNIX_US,
     USUAL_GAPS,
     Bools,
     Floats,
@@ -38,6 +40,9 @@ SWAPPED_BY = 0.05
 _ORIGIN_M, _OWN_FRAMES_SHARE = 1.0, 0.5
 #: Two clocks are the same if they differ by less. Chosen by judgement.
 _OTHER_CLOCK_US = 1_000_000
+#: A camera's clock that is set over a network is wrong by less. Chosen by judgement.
+_OTHER_START_US = 2_000_000
+_UNIX_ZERO = dt.datetime(1970, 1, 1, tzinfo=dt.UTC)
 #: Reasons for which a log is doubtful even if few of its entries are left out.
 _SERIOUS = ("0 N 0 E", "a frozen position", "a position that cannot be reached")
 
@@ -113,7 +118,7 @@ def drive_notes(track: Track, times_us: Times, clock_us: int) -> tuple[str, ...]
     clock_us : int
         The recording's start on its own clock.
     """
-    found = list(track_notes(track))
+    found = [*track_notes(track), *clock_notes(track, times_us, clock_us)]
     first, last = int(track.time_us[0]), int(track.time_us[-1])
     off, off_by_clock = (
         abs(first - times_us[0] - clock) + abs(last - times_us[-1] - clock)
@@ -129,6 +134,24 @@ def drive_notes(track: Track, times_us: Times, clock_us: int) -> tuple[str, ...]
     elif _common(track, times_us) < LEAST_COMMON:
         found.append(_covers("log", track, times_us))
     return tuple(found)
+
+
+def clock_notes(track: Track, times_us: npt.NDArray[Any], clock_us: int) -> Iterator[str]:
+    """Yield a note if the dates of a log and of its recording say that they began at two instants.
+
+    See `drive_notes`. Where one of the two clocks is wrong by more than the drive lasts, nothing is
+    said: not even moved would the log be the drive's.
+    """
+    if track.start_utc is None or clock_us < UNIX_US:
+        return
+    apart_us = (track.start_utc - _UNIX_ZERO) // dt.timedelta(microseconds=1) - clock_us
+    if abs(apart_us) < _OTHER_START_US or not _common(track.shifted(apart_us / 1e6), times_us):
+        return
+    yield (
+        f"by its dates the log begins {abs(apart_us) / 1e6:,.1f} s "
+        f"{'after' if apart_us > 0 else 'before'} the recording, and is taken to begin with it: if "
+        f"the camera's clock is right, shift the log by {apart_us / 1e6:.6g} s (Track.shifted)"
+    )
 
 
 def _covers(log: str, track: Track, times_us: npt.NDArray[Any]) -> str:

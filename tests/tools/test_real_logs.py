@@ -14,7 +14,7 @@ import pytest
 from edge_vpr_tools.truth_files import given_truth, load_evaluated
 from saved_files import checksum
 
-from edge_vpr.errors import EdgeVprError
+from edge_vpr.errors import EdgeVprError, EdgeVprWarning
 from edge_vpr.recordings import TimeCrop, open_recording, write_recording
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.simulation import simulate_pair
@@ -364,6 +364,33 @@ def test_a_clearly_better_offset_is_named_and_taken_if_asked(drives, judge, whic
     correct, queries, said = judge(texts, "csv", offset=["auto"])
     assert correct == queries >= 50
     assert f"--offset auto takes --offset {' '.join(offset)}" in said
+
+
+@pytest.mark.parametrize("early", [0, 1, 6])
+def test_dates_of_a_log_and_of_its_recording_that_begin_apart_are_named(
+    drives, tmp_path, capsys, early
+):
+    paths = [tmp_path / "first.npz", tmp_path / "second.npz"]
+    begin_us = round(MIDDAY.timestamp() * 1e6)
+    for path, drive in zip(paths, simulate_pair(7, "tiny", length_m=300), strict=True):
+        write_recording(path, drive, start_us=begin_us)
+    ReferenceMap.build(paths[0], pixels=60).match(paths[1]).save(tmp_path / "m")
+    judge = partial(judged, (tmp_path / "m", drives[1]), tmp_path, capsys)
+    start = MIDDAY - dt.timedelta(seconds=early)
+    texts = [
+        nmea([*((t, rows[0][1]) for t in range(early)), *((t + early, x) for t, x in rows)], start)
+        for rows in drives[1]
+    ]
+    correct, queries, said = judge(texts, "nmea")
+    for log in ("reference", "query"):
+        line = f"{log} log: by its dates the log begins 6.0 s before the recording"
+        assert (line in said) == (early == 6)
+    assert ("shift the log by -6 s" in said) == (early == 6)
+    correct, queries, said = judge(texts, "nmea", offset=[f"-{early}", f"-{early}"])
+    assert (correct, said) == (queries, "")
+    if early == 6:
+        with pytest.warns(EdgeVprWarning, match=r"^track: by its dates the log begins 6\.0 s bef"):
+            ReferenceMap.build(paths[0], pixels=60, track=tmp_path / "reference.nmea")
 
 
 def test_an_offset_is_seconds_or_auto(drives, judge):
