@@ -28,6 +28,13 @@ _LATE_US = 2_000_000
 #: Clocks are set back by at most the seconds between GPS time and UTC, which a receiver learns
 #: minutes after its first fix; by more, the log holds two drives.
 _LEAP_US = 60_000_000
+#: Old receivers count weeks from 0 again after so many, and say a date 20 years ago.
+_ROLLOVER_US = 1024 * 7 * _DAY_US
+#: A time that comes again is of a clock that was set back, if the vehicle has moved by so much.
+_MOVED_M = 1.0
+#: A clock that is set on by seconds leaves a gap as lost sentences do. It was set if the vehicle,
+#: at a steady speed (within this share), lacks at least so many metres. Chosen on logs of a car.
+_STEADY_SHARE, _LACKS_M = 0.3, 5.0
 
 
 def is_nmea(text: str) -> bool:
@@ -40,10 +47,10 @@ def read_nmea(text: str) -> Fixes:
 
     Time 0 is the first sentence with a time, with or without a fix. If logger and camera start
     together, this is the start of the recording. Where the receiver sets its clock (before the
-    first fix by years, later by leap seconds), what came before is moved with it, so that time goes
-    on by one interval. Sentences with a wrong checksum or without a fix are left out and counted,
-    and those without a checksum unless most have none. RMC and GGA of one instant make one point,
-    the first.
+    first fix by years, later by leap seconds or a rollover of weeks), what came before is moved
+    with it, so that time goes on by one interval. Sentences with a wrong checksum or without a fix
+    are left out and counted, and those without a checksum unless most have none. RMC and GGA of one
+    instant make one point, the first.
 
     Raises
     ------
@@ -65,6 +72,9 @@ def read_nmea(text: str) -> Fixes:
         raise _no_fix(dropped)
     clock, dated = _unwrapped(timed)
     time, steps, kept = _steady(clock, with_fix, [sentence.type for sentence in timed])
+    for row, step in _set_by_seconds(time, kept, timed):
+        time[:row] += step
+        steps.append(step)
     dropped["no fix"] += int((kept & ~with_fix).sum())
     dropped["a time out of order"] += int((~kept).sum())
     zero, start = int(time[0]), None
@@ -211,13 +221,14 @@ def _steady(
     for row, now in enumerate(clock.tolist()):
         ahead = now - newest
         again = not fixed and bool(with_fix[row]) and now <= newest_of.get(types[row], now - 1)
-        if ahead < -_LATE_US or (not fixed and (ahead > _HOUR_US or again)):
+        rolled = abs(ahead) > _HOUR_US and (ahead + _LEAP_US) % _ROLLOVER_US < 2 * _LEAP_US
+        if ahead < -_LATE_US or rolled or (not fixed and (ahead > _HOUR_US or again)):
             following = clock[row + 1 : row + 3]
             alone = (np.abs(following - newest) < np.abs(following - now)).any()
             if (alone and not again) or (fixed and row + 1 == clock.size):
                 kept[row] = False
                 continue
-            if fixed and ahead < -_LEAP_US:
+            if fixed and ahead < -_LEAP_US and not rolled:
                 raise GroundTruthError(
                     f"time runs backwards by {-ahead / 1e6:g} s at RMC/GGA sentence {row + 1}: "
                     "split the log there and use the part of this traverse"
@@ -228,6 +239,38 @@ def _steady(
         newest_of[types[row]] = now
         newest, fixed = max(newest, now), fixed or bool(with_fix[row])
     return time, steps, kept
+
+
+def _set_by_seconds(
+    time: npt.NDArray[np.int64], kept: npt.NDArray[np.bool_], timed: list[_Sentence]
+) -> Iterator[tuple[int, int]]:
+    """Yield the rows at which the clock was set by seconds that `_steady` lets pass, and the steps.
+
+    Of the type of sentence that begins each instant, times go on by one interval before and after.
+    """
+    types = np.array([sentence.type for sentence in timed])
+    begins = Counter(types[np.flatnonzero(np.diff(time)) + 1].tolist())
+    rows = np.flatnonzero(kept & (types == max(begins, key=lambda kind: begins[kind], default="")))
+    gaps = np.diff(time[rows])
+    if not (gaps > 0).any():
+        return
+    interval = float(np.median(gaps[gaps > 0]))
+    regular = np.abs(gaps - interval) <= 0.1 * interval
+    at = np.array([timed[row].position or (np.nan, np.nan) for row in rows])
+    moved_m = great_circle(at[1:], at[:-1])
+    for i in np.flatnonzero(~regular[2:-2]).tolist():
+        beside = [i, i + 1, i + 3, i + 4]
+        gap, step = int(gaps[i + 2]), round((gaps[i + 2] - interval) / 1e6) * 1_000_000
+        whole = abs(gap - interval - step) <= 0.1 * interval and 0 < abs(step) < _LEAP_US
+        if not (whole and regular[beside].all()):
+            continue
+        usual_m = float(moved_m[beside].mean())
+        off_m = np.abs(moved_m[[*beside, i + 2]] - usual_m)
+        was_set = gap < 0 or (gap == 0 and moved_m[i + 2] > max(usual_m / 2, _MOVED_M))
+        if step > 0 and usual_m * step / interval >= _LACKS_M:
+            was_set = bool((off_m <= _STEADY_SHARE * usual_m).all())
+        if was_set:
+            yield int(rows[i + 3]), step
 
 
 def _no_fix(dropped: Counter[str]) -> GroundTruthError:

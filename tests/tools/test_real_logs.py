@@ -308,6 +308,33 @@ def test_leap_seconds_that_are_learnt_after_the_first_fix_move_what_came_before(
     assert "set back by 18 s" in said
 
 
+@pytest.mark.parametrize("step", [-3, -2, -1, 2, 3, 1024 * 7 * 86_400, -1024 * 7 * 86_400])
+def test_a_clock_that_is_set_by_seconds_or_a_rollover_on_the_way_moves_what_came_before(
+    drives, judge, step
+):
+    texts = [
+        "".join(
+            nmea([row], kind=kind, clock=lambda t: t - step * (t < 20))
+            for row in rows
+            for kind in ("RMC", "GGA")
+        )
+        for rows in drives[1]
+    ]
+    correct, queries, said = judge(texts, "nmea")
+    assert correct == queries >= 55
+    for log in ("reference", "query"):
+        way = "back" if step < 0 else "on"
+        assert f"{log} log: the receiver's clock was set {way} by {abs(step):,} s" in said
+
+
+@pytest.mark.parametrize("lost", [1, 2, 3])
+def test_lost_and_repeated_sentences_are_no_clock_that_is_set(drives, judge, lost):
+    logs = [[row for row in rows if not 20 <= row[0] < 20 + lost] for rows in drives[1]]
+    texts = [nmea([*rows[:10], rows[9], *rows[10:]]) for rows in logs]
+    correct, queries, said = judge(texts, "nmea")
+    assert (correct, said) == (queries, "")
+
+
 @pytest.mark.parametrize("late", [0, 1, 3])
 @pytest.mark.parametrize("kind", ["RMC", "GGA"])
 def test_the_date_may_change_late_at_midnight(drives, judge, late, kind):
