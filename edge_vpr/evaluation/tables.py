@@ -4,18 +4,20 @@ from __future__ import annotations
 
 import contextlib
 import csv
+import warnings
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
 
-from edge_vpr.errors import GroundTruthError, UsageError, as_path
+from edge_vpr.errors import EdgeVprWarning, GroundTruthError, UsageError, as_path
 from edge_vpr.events import TIME_LIMIT_US
 from edge_vpr.files import open_input, replacing
 from edge_vpr.recordings.memory import NamedTable, column_names
-from edge_vpr.route import MOST_MM, Odometry
+from edge_vpr.route import LEAP_MM_PER_S, LEAST_GAP_US, MOST_MM, Odometry
 
 Floats = npt.NDArray[np.float64]
 
@@ -212,7 +214,13 @@ def load_odometry(path: str | Path | TableData) -> Odometry:
     Raises
     ------
     GroundTruthError
-        If the file cannot be read, is not of this form, or holds values out of range.
+        If the file cannot be read, is not of this form, or holds values out of range or that no
+        robot drives.
+
+    Warns
+    -----
+    EdgeVprWarning
+        If the distance leaps here and there, as where an odometer starts again. Leaps add nothing.
     """
     names = column_names(path)
     if names is not None:
@@ -246,11 +254,38 @@ def load_odometry(path: str | Path | TableData) -> Odometry:
             f"{MOST_MM // 1000}"
         )
     try:
-        return Odometry(
+        found = Odometry(
             np.rint(time_s * 1e6).astype(np.int64), np.rint(values * 1e3).astype(np.int64)
         )
     except UsageError as error:
         raise GroundTruthError(f"{path}: {error}") from None
+    return _without_leaps(path, found)
+
+
+def _without_leaps(path: Path, odometry: Odometry) -> Odometry:
+    """Return readings of which leaps add nothing, as live, with a warning; refuse mostly leaps."""
+    step_mm, passed_us = np.diff(odometry.distance_mm), np.diff(odometry.time_us)
+    most_mm = LEAP_MM_PER_S * np.maximum(passed_us, LEAST_GAP_US) // 1_000_000
+    leaps = np.flatnonzero(np.abs(step_mm) > most_mm)
+    if not leaps.size:
+        return odometry
+    if 2 * leaps.size > step_mm.size:
+        speed = float(np.median(np.abs(step_mm) / passed_us)) * 1e3
+        raise GroundTruthError(
+            f"{path} says {speed:,.0f} m/s in the median: give metres, not millimetres or ticks, "
+            "and seconds"
+        )
+    first, more = leaps[0], leaps.size - 1
+    warnings.warn(
+        f"{path} leaps by {step_mm[first] / 1e3:,.1f} m at {odometry.time_us[first + 1] / 1e6:g} s"
+        + (f" and {more} times more" if more else "")
+        + ", as an odometer that starts again: leaps are taken for 0 m; check the distances",
+        EdgeVprWarning,
+        stacklevel=3,
+    )
+    step_mm[leaps] = 0
+    distance_mm = np.cumsum(np.concatenate([odometry.distance_mm[:1], step_mm]))
+    return replace(odometry, distance_mm=distance_mm)
 
 
 def save_odometry(path: str | Path, odometry: Odometry) -> None:

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from streams import descriptors, random_events
 from test_localiser import PIXEL_MAP, PIXELS, SENSOR
 
-from edge_vpr.errors import GroundTruthError, MapError, UsageError
+from edge_vpr.errors import EdgeVprWarning, GroundTruthError, MapError, UsageError
 from edge_vpr.evaluation.tables import load_jumps, load_odometry
 from edge_vpr.evaluation.tracks import Track
 from edge_vpr.events import Sensor
@@ -74,6 +74,26 @@ def test_a_table_that_is_no_odometry_is_refused(tmp_path, text, message):
         load_odometry(write(tmp_path, text))
     with pytest.raises(GroundTruthError, match="is not odometry"):
         load_odometry(write(tmp_path, text, "file.txt"))
+
+
+def test_leaps_of_an_odometer_that_starts_again_add_nothing_and_are_named(tmp_path):
+    rows = [f"{t},{t * 7 % 300 + 5}" for t in range(100)]
+    path = write(tmp_path, "\n".join(["time_s,distance_m", *rows]) + "\n")
+    with pytest.warns(
+        EdgeVprWarning, match=r"leaps by -293\.0 m at 43 s and 1 times more, as an od"
+    ):
+        found = load_odometry(path)
+    steps = np.diff(found.distance_mm)
+    assert found.distance_mm[0] == 5000
+    assert np.flatnonzero(steps != 7000).tolist() == [42, 85]
+    assert steps[[42, 85]].tolist() == [0, 0]
+
+
+def test_an_odometer_that_says_more_than_any_robot_drives_is_refused(tmp_path):
+    rows = [f"{t / 10},{t * 633}" for t in range(100)]  # millimetres
+    path = write(tmp_path, "\n".join(["time_s,distance_m", *rows]) + "\n")
+    with pytest.raises(GroundTruthError, match=r"says 6,330 m/s in the median: give metres, not"):
+        load_odometry(path)
 
 
 @pytest.mark.parametrize(
