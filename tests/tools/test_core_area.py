@@ -63,12 +63,12 @@ def test_lanes_bits_the_filter_and_contrast_codes_take_cells():
 
 
 def test_the_energy_of_a_cycle_is_that_of_the_clock_and_of_each_cell():
-    """Low and high by hand; both constants are cited."""
+    """Low and high by hand."""
     target = targets.find("ice40up5k")
     clock, cell = (targets.constants()[f"ice40up5k-{name}"] for name in ("clock", "cell"))
     found = cost(DOCUMENTED, target, RATE)
     assert found.logic_cells == core_area.cells(DOCUMENTED)
-    assert found.energy_j is not None and {clock, cell} <= set(found.basis)
+    assert found.energy_j is not None
     cycles = found.cycles["search"].central
     for end in ("low", "central", "high"):
         picojoules = getattr(clock.value, end) + found.logic_cells * getattr(cell.value, end)
@@ -85,7 +85,7 @@ def test_the_answer_says_the_cells_and_that_there_are_too_few(tmp_path, capsys):
     words = ["estimate", "--design", str(tmp_path / "wide.toml"), "--target"]
     assert main([*words, "ice40up5k", "--sources"]) == 0
     told = " ".join(capsys.readouterr().out.split())
-    assert "5,280 logic cells" in told and "its block memories" in told
+    assert "5,280 logic cells" in told and "of 30 block memories" in told
     assert f"are predicted from {len(core_area.FITTED_ON)} netlists of the hardware core" in told
     assert main([*words, "cortex-m4"]) == 0
     assert "logic cells" not in capsys.readouterr().out

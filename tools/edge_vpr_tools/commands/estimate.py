@@ -160,13 +160,12 @@ def run(args: argparse.Namespace) -> None:
         design, mission, rate_is = asked_for(args)
     except DesignError as error:
         raise UsageError(str(error)) from error
-    values = {"schema": 5, "energy_is": "modelled", "includes": show.WORK, "mission": mission}
+    values = {"schema": 6, "mission": mission}
     if budgets and args.map is None and args.design is None:
         recommended = {
             of: search.recommend(design, mission, search.Limits(of, budgets)) for of in targets
         }
         show.show_recommended(recommended, budgets, mission)
-        costs = {of: one.best.device.cost for of, one in recommended.items() if one.best}
         values["recommended"] = {of.name: one for of, one in recommended.items()}
     else:
         found = {
@@ -177,25 +176,23 @@ def run(args: argparse.Namespace) -> None:
             for of in targets
         }
         show.show_design(found, at_rates, rate_is, budgets)
-        costs = {of: one.cost for of, one in found.items()}
         values |= {
             "design": design,
             "sizes": sizes(design),
             "search": search_work(design),
             "targets": {
                 of.name: {
-                    "design": one.design,
                     "memory": one.memory,
                     "limited_by": one.limited_by,
                     **to_json(one.cost),
                     "matches_per_joule_at_events_per_s": {
-                        f"{rate:g}": each.matches_per_joule for rate, each in at_rates[of].items()
+                        f"{rate:.0f}": each.matches_per_joule for rate, each in at_rates[of].items()
                     },
                 }
                 for of, one in found.items()
             },
         }
     if args.sources:
-        show.show_sources(targets, costs)
+        show.show_sources(targets)
     if args.json:
         print(json_text(values))

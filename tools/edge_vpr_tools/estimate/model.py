@@ -16,7 +16,7 @@ from typing import NamedTuple
 from edge_vpr.errors import UsageError
 from edge_vpr_tools.estimate import core_area
 from edge_vpr_tools.estimate.emulation import predict
-from edge_vpr_tools.estimate.targets import Constant, Spread, Target, constants
+from edge_vpr_tools.estimate.targets import Spread, Target, constants
 from firmware_model.cost import Memory, cycles, memories, operations
 from firmware_model.design import Design
 from firmware_model.emulation.instructions import TABLE
@@ -112,6 +112,10 @@ def _blocks(sized: Iterable[Memory], shapes: Shapes) -> int:
 
 
 _PICO = 1e-12
+#: events that the firmware takes in one call
+_EVENTS_PER_CALL = 64
+#: shortest bit of the core's SPI line, in clocks
+_SPI_CLOCKS = 6
 _ZERO = Spread(0.0, 0.0, 0.0)
 
 
@@ -122,7 +126,6 @@ class Mission:
     events_per_s: float  #: Of the whole sensor.
     selected_share: float  #: Of those, at selected pixels.
     matches_per_s: float
-    events_per_call: int = 64  #: How many events the program takes in one call.
 
     def __post_init__(self) -> None:
         if not (self.events_per_s >= 0 and 0 <= self.selected_share <= 1):
@@ -130,11 +133,8 @@ class Mission:
                 f"{self.events_per_s:g} events per second, a share of {self.selected_share:g} at "
                 "selected pixels: expected a rate from 0 and a share from 0 to 1"
             )
-        if not self.matches_per_s > 0 or self.events_per_call < 1:
-            raise UsageError(
-                f"{self.matches_per_s:g} matches per second, {self.events_per_call} events per "
-                "call: expected positive numbers"
-            )
+        if not self.matches_per_s > 0:
+            raise UsageError(f"{self.matches_per_s:g} matches per second: expected more than 0")
 
     def at_rate(self, events_per_s: float, design: Design) -> Mission:
         """Return the mission at another rate of events, by which windows of a number end too."""
@@ -195,22 +195,30 @@ class Cost:
     cycles: dict[str, Spread]  #: By the unit of work.
     seconds: dict[str, Spread]  #: By the unit of work.
     load: Spread  #: Share of the time that it is busy at the mission's rates; it must stay below 1.
+    #: Most events per second that the SPI line of an FPGA carries; None of a processor.
+    spi_events_per_s: float | None
     energy_j: dict[str, Spread] | None  #: Modelled; None if unknown.
-    #: marginal_w, idle_w, whole_w: modelled: what the work adds at the mission's rates, what is
-    #: used without it, and both, which is None if either is unknown.
-    marginal_w: Spread | None
+    #: idle_w, whole_w: modelled: what is used besides the work, with a clock that runs between the
+    #: events, and both, which is None if either is unknown.
     idle_w: Spread | None
     whole_w: Spread | None
     per_match_j: Spread | None  #: What the work of a match adds.
     matches_per_joule: Spread | None  #: One over it, as in a profile.
-    basis: tuple[Constant, ...]  #: What the energy rests on.
+
+    def too_slow(self, events_per_s: float) -> str:
+        """Return what may not keep up with a rate of events; empty if all does."""
+        if self.load.high >= 1:
+            return f"its speed: busy {self.load.low:.2g} to {self.load.high:.2g} of the time"
+        if self.spi_events_per_s is not None and events_per_s > self.spi_events_per_s:
+            return f"its SPI line: {self.spi_events_per_s:,.0f} events/s"
+        return ""
 
 
 def cost(design: Design, target: Target, mission: Mission) -> Cost:
     """Model a design on a target."""
     instructions = None
     if target.kind == "processor":
-        instructions = instructions_of(design, target.core, mission)
+        instructions = instructions_of(design, target.core)
         taken = {unit: Spread(*target.cpi) * number for unit, number in instructions.items()}
     else:
         device = cycles(design)
@@ -223,19 +231,18 @@ def cost(design: Design, target: Target, mission: Mission) -> Cost:
         taken = {unit: Spread(1.0, 1.0, 1.0) * count for unit, count in number.items()}
     cells = core_area.cells(design) if target.logic_cells else None
     seconds = {unit: value * (1 / target.clock_hz) for unit, value in taken.items()}
-    basis: list[Constant] = []
-    energy = None
+    load = per_second(seconds, mission)
+    energy = idle = clock = None
     if target.cycle_energy:
-        basis.append(constants()[target.cycle_energy])
-        a_cycle = basis[-1].value
+        clock = a_cycle = constants()[target.cycle_energy].value
         if target.cell_energy and cells is not None:
-            basis.append(constants()[target.cell_energy])
-            a_cycle = a_cycle + basis[-1].value * cells
+            a_cycle = a_cycle + constants()[target.cell_energy].value * cells
         energy = {unit: value * a_cycle * _PICO for unit, value in taken.items()}
-    idle = None
     if target.idle_power:
-        basis.append(constants()[target.idle_power])
-        idle = basis[-1].value
+        idle = constants()[target.idle_power].value
+        if clock is not None and target.kind == "fpga":
+            # the oscillator runs on; the work has the cycles that it takes
+            idle = idle + clock * (target.clock_hz * max(0.0, 1 - load.central) * _PICO)
     marginal = None if energy is None else per_second(energy, mission)
     whole = None if marginal is None or idle is None else marginal + idle
     per_match = None if marginal is None else marginal * (1 / mission.matches_per_s)
@@ -245,24 +252,31 @@ def cost(design: Design, target: Target, mission: Mission) -> Cost:
         logic_cells=cells,
         cycles=taken,
         seconds=seconds,
-        load=per_second(seconds, mission),
+        load=load,
+        spi_events_per_s=_spi_events_per_s(design, target),
         energy_j=energy,
-        marginal_w=marginal,
         idle_w=idle,
         whole_w=whole,
         per_match_j=per_match,
         matches_per_joule=None if per_match is None else per_match.reciprocal(),
-        basis=tuple(basis),
     )
 
 
-def instructions_of(design: Design, core: str, mission: Mission) -> dict[str, float]:
+def _spi_events_per_s(design: Design, target: Target) -> float | None:
+    if target.kind != "fpga":
+        return None
+    return target.clock_hz / _SPI_CLOCKS / (64 if design.timestamp_bits <= 32 else 96)
+
+
+def instructions_of(
+    design: Design, core: str, events_per_call: int = _EVENTS_PER_CALL
+) -> dict[str, float]:
     """Return the instructions of the reference firmware in C, for each unit of work.
 
     A call's own instructions are shared among its events.
     """
     counted, window_and_match = firmware()[core], predict(design, core)
-    call = counted.events_call / mission.events_per_call
+    call = counted.events_call / events_per_call
     return {
         "selected event": counted.event_selected + call,
         "other event": counted.event_unselected + call,

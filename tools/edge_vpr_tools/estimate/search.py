@@ -21,7 +21,7 @@ from edge_vpr_tools.estimate.model import (
     large_and_small_blocks,
     sizes,
 )
-from edge_vpr_tools.estimate.targets import Target
+from edge_vpr_tools.estimate.targets import Spread, Target
 from firmware_model.design import Design
 from firmware_model.errors import DesignError
 from firmware_model.image import check_limits
@@ -35,7 +35,6 @@ _UNITS = {
     "uw": ("watts", 1e-6), "µw": ("watts", 1e-6), "mw": ("watts", 1e-3), "w": ("watts", 1.0),
 }  # fmt: skip
 FIRMWARE_LIMITS = "the firmware's widths"
-BLOCKS, LOGIC_CELLS, SPEED = "its block memories", "its logic cells", "its speed"
 POWER = "power unknown"
 
 
@@ -108,10 +107,12 @@ def on_target(design: Design, mission: Mission, limits: Limits) -> DesignOnTarge
     """Estimate a design on a target, and check whether it fits."""
     of = cost(design, limits.target, mission)
     used = memory_on(design, limits.target)
-    return DesignOnTarget(design, mission, of, used, _broken_by(design, of, used, limits))
+    return DesignOnTarget(design, mission, of, used, _broken_by(design, mission, of, used, limits))
 
 
-def _broken_by(design: Design, of: Cost, used: DeviceMemory, limits: Limits) -> str:
+def _broken_by(
+    design: Design, mission: Mission, of: Cost, used: DeviceMemory, limits: Limits
+) -> str:
     """Return which limit of the target, or else budgets, a design exceeds; empty if none."""
     target = limits.target
     if target.kind == "processor":
@@ -119,27 +120,38 @@ def _broken_by(design: Design, of: Cost, used: DeviceMemory, limits: Limits) -> 
             check_limits(design)
         except DesignError:
             return FIRMWARE_LIMITS
-    elif target.blocks and not blocks_of(design, target)[1]:
-        return BLOCKS
+    elif target.blocks:
+        needed, enough = blocks_of(design, target)
+        if not enough:
+            return needed
     if of.logic_cells is not None and of.logic_cells > target.logic_cells:
-        return LOGIC_CELLS
-    if of.load.low >= 1:
-        return SPEED
-    return " and ".join(filter(None, (_over(budget, of, used) for budget in limits.budgets)))
+        return f"{of.logic_cells:,} of {target.logic_cells:,} logic cells"
+    if slow := of.too_slow(mission.events_per_s):
+        return slow
+    over = (_over(budget, of, used, mission) for budget in limits.budgets)
+    return " and ".join(filter(None, over))
 
 
-def _over(budget: Budget, of: Cost, used: DeviceMemory) -> str:
-    """Return how a budget is exceeded; empty if it is kept."""
+def power_of(of: Cost, mission: Mission) -> Spread | None:
+    """Return the power of a device; of its work alone where that at rest is unknown."""
+    if of.whole_w is not None or of.per_match_j is None:
+        return of.whole_w
+    return of.per_match_j * mission.matches_per_s
+
+
+def _over(budget: Budget, of: Cost, used: DeviceMemory, mission: Mission) -> str:
+    """Return how a budget is, or may be, exceeded; empty if it is kept."""
     taken = {"flash": used.flash_bytes, "ram": used.ram_bytes, "bytes": used.total}
     if budget.quantity in taken:
-        return budget.text if taken[budget.quantity] > budget.limit else ""
+        number = taken[budget.quantity]
+        return f"{budget.text}: {number:,} bytes" if number > budget.limit else ""
     # a board that takes more at rest exceeds the budget whatever its work takes
     if of.whole_w is None and of.idle_w is not None and of.idle_w.low > budget.limit:
         return f"more than {budget.text} at rest"
-    watts = of.whole_w or of.marginal_w
+    watts = power_of(of, mission)
     if watts is None:
         return POWER
-    return budget.text if watts.central > budget.limit else ""
+    return f"{budget.text}: up to {1e3 * watts.high:,.3g} mW" if watts.high > budget.limit else ""
 
 
 def blocks_of(of: Design, target: Target) -> tuple[str, bool]:
@@ -181,8 +193,8 @@ class Recommendation(NamedTuple):
     """The design that is recommended for a target, and what keeps it from being better."""
 
     best: Candidate | None  #: None where no design fits.
-    #: The budget or limit that a design breaks which is more accurate by a standard error, or that
-    #: the smallest one breaks where none fits; empty where there is none.
+    #: What the smallest more accurate design exceeds, or where none fits the smallest of all; empty
+    #: where there is none.
     limit: str
     #: Of the designs that fit, the one with most correct matches.
     most_correct: Candidate | None = None
@@ -251,8 +263,7 @@ def recommend(design: Design, mission: Mission, limits: Limits) -> Recommendatio
     best = most_correct.tried
     as_good = [one for one in fitting if one.tried.accuracy >= best.accuracy - best.error]
     chosen = min(as_good, key=lambda one: (one.device.memory.total, -one.tried.accuracy))
-    better = [one for one in found if one.tried.accuracy > best.accuracy + best.error]
-    # the limit that the smallest of the better ones exceeds
+    better = [one for one in found if one.tried.accuracy > best.accuracy]
     limit = ""
     if better:
         limit = min(better, key=lambda one: one.device.memory.total).device.limited_by

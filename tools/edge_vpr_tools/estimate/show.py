@@ -12,9 +12,10 @@ from edge_vpr_tools.estimate.search import (
     DesignOnTarget,
     Recommendation,
     blocks_of,
+    power_of,
     tried_designs,
 )
-from edge_vpr_tools.estimate.targets import Constant, Spread, Target
+from edge_vpr_tools.estimate.targets import Constant, Spread, Target, constants
 from edge_vpr_tools.report.page import quantity
 from firmware_model.design import Design
 
@@ -65,8 +66,14 @@ def _energy(of: Cost) -> str:
     return UNKNOWN if of.per_match_j is None else short(1e6 * of.per_match_j.central)
 
 
-def _per_joule(of: Cost) -> str:
-    if of.load.low >= 1:
+def _power(of: DesignOnTarget) -> str:
+    watts = power_of(of.cost, of.mission)
+    rest = "" if of.cost.whole_w else "+?"
+    return UNKNOWN if watts is None else f"{short(1e3 * watts.high)}{rest}"
+
+
+def _per_joule(of: Cost, events_per_s: float) -> str:
+    if of.too_slow(events_per_s):
         return SLOW
     return UNKNOWN if of.matches_per_joule is None else short(of.matches_per_joule.central)
 
@@ -91,7 +98,7 @@ def show_design(
     rates = list(next(iter(at_rates.values())))
     rows = [
         [target.name, f"{of.cost.clock_hz / 1e6:.4g}", *_memory(of), _time(of), _energy(of.cost),
-         *(_per_joule(at_rates[target][rate]) for rate in rates)]
+         *(_per_joule(at_rates[target][rate], rate) for rate in rates)]
         for target, of in found.items()
     ]  # fmt: skip
     powers = [f"10^{len(str(round(rate))) - 1}\n/s" for rate in rates]
@@ -111,11 +118,11 @@ def show_design(
         f"{match_s:.3g} s, at an assumed clock. {_energies(found.values())}"
     )
     if any(SLOW in row for row in rows):
-        text += f" {SLOW}: does not keep up."
+        text += f" {SLOW}: the device, or the SPI line to an FPGA, may not keep up."
     if over:
         text += f" Over its limits: {', '.join(over)}."
     elif budgets:
-        text += f" Within the limits.{_not_at_rest(found, budgets)}"
+        text += f" Within the limits{_but_at_rest(found, budgets)}."
     if len(found) == 1:
         text += _of_one(next(iter(found)), of)
     say(text, width=WIDTH)
@@ -135,13 +142,12 @@ def _energies(found: Collection[DesignOnTarget]) -> str:
     )
 
 
-def _not_at_rest(found: Mapping[Target, DesignOnTarget], budgets: Sequence[Budget]) -> str:
+def _but_at_rest(found: Mapping[Target, DesignOnTarget], budgets: Sequence[Budget]) -> str:
     """Return which devices keep a limit of power by their work alone."""
-    power = [budget.text for budget in budgets if budget.quantity == "watts"]
     names = [target.name for target, of in found.items() if of.cost.idle_w is None]
-    if not power or not names:
+    if not names or all(budget.quantity != "watts" for budget in budgets):
         return ""
-    return f" Power at rest is unknown, and not held against {power[0]}: {', '.join(names)}."
+    return f", but power at rest is unknown, and whether its limit is kept: {', '.join(names)}"
 
 
 def _of_one(target: Target, of: DesignOnTarget) -> str:
@@ -178,6 +184,7 @@ def show_recommended(
     mission: Mission,
 ) -> None:
     """Print the design that is recommended for each target within the budgets."""
+    power = any(budget.quantity == "watts" for budget in budgets)
     rows: list[list[str]] = []
     limits: list[str] = []
     none: list[str] = []
@@ -193,7 +200,8 @@ def show_recommended(
         rows.append(
             [target.name, str(size.pixels), str(size.code_bits),
              f"{device.design.places:,}, {size.places_per_window}",
-             *_memory(device), _energy(device.cost), f"{size.accuracy:.3f}"]
+             *_memory(device), _power(device) if power else _energy(device.cost),
+             f"{size.accuracy:.3f}"]
         )  # fmt: skip
         if one.most_correct is not None and one.most_correct != one.best:
             size, device = one.most_correct
@@ -206,26 +214,32 @@ def show_recommended(
     if len(none) == len(found):
         _say(not_fitting)
         return
-    header = ["target", "pixels", "bits", "places,\nper window", *MEMORY, ENERGY, "correct"]
+    last = "mW at\nmost" if power else ENERGY
+    header = ["target", "pixels", "bits", "places,\na window", *MEMORY, last, "correct"]
     table(header, rows, width=WIDTH)
     text = (
         f"The smallest of {len(tried_designs())} designs within "
-        f"{' and '.join(budget.text for budget in budgets)} whose share of correct matches on "
-        "three simulated streets is within a standard error of the best that fits; a longer route "
-        "has more places that look alike. Energy of a match is modelled, of "
-        f"{WORK}, at {mission.events_per_s:,.0f} events/s."
+        f"{' and '.join(budget.text for budget in budgets)} whose share of correct live matches "
+        "(of all, to 10 m, on three simulated streets) is within a standard error of the best that "
+        "fits; a longer route has more places that look alike. "
     )
+    rate = f"at {mission.events_per_s:,.0f} events/s"
+    if power:
+        text += f"Power is the high end of the model {rate}, without the camera."
+        if any("+?" in row[-2] for row in rows):
+            text += " +?: power at rest is unknown, and so is whether the limit is kept."
+    else:
+        text += f"Energy of a match is modelled, of {WORK}, {rate}."
     if larger:
         text += f" Most correct of those that fit: {'; '.join(larger)}."
     if limits:
         text += f" A better one exceeds: {', '.join(limits)}."
-    text += _not_at_rest({of: one.best.device for of, one in found.items() if one.best}, budgets)
     _say(f"{text} {not_fitting}")
 
 
-def show_sources(targets: Sequence[Target], costs: Mapping[Target, Cost]) -> None:
+def show_sources(targets: Sequence[Target]) -> None:
     """Print a sentence for each assumption, and for each cited constant."""
-    cited: dict[Constant, None] = {}
+    cited: list[Constant] = []
     for target in targets:
         if target.kind == "processor":
             compiler, cpi = firmware()[target.core].compiler, three(Spread(*target.cpi))
@@ -245,9 +259,9 @@ def show_sources(targets: Sequence[Target], costs: Mapping[Target, Cost]) -> Non
             _say(f"{target.name}: {target.note}")
         if target.unknown:
             _say(f"{target.name}: {target.unknown}")
-        if target in costs:
-            cited |= dict.fromkeys(costs[target].basis)
-    for constant in cited:
+        names = (target.cycle_energy, target.cell_energy, target.idle_power)
+        cited += [constants()[name] for name in names if name]
+    for constant in dict.fromkeys(cited):
         _say(
             f"modelled, {constant.name}: {three(constant.value)} {constant.unit} (year "
             f"{constant.year}, {constant.node}): {constant.source}; {constant.uncertainty}"

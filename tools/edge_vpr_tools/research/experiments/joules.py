@@ -65,7 +65,8 @@ def measure(draw: Draw) -> Iterator[Row]:
             target, mission = find(name), Mission(rate, pixels / (346 * 260), 1.0)
             of = on_target(design, mission, Limits(target))
             found = of.cost.matches_per_joule
-            if found is None or of.limited_by:
+            # of the core itself, whose events may come faster than by its SPI line
+            if found is None or of.cost.load.high >= 1:
                 continue
             yield {
                 "system": f"place filter, {pixels} pixels", "device": target.name,
