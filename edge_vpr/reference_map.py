@@ -696,7 +696,7 @@ class MatchResult:
             Returns how to use an offset of one of them.
         """
         at = self.matches.place, self.matches.query
-        found = [*self._clock_notes(tracks), *truth.notes, *unjudged(truth, *at)]
+        found = [*self._clock_notes(tracks), *truth.notes]
         if tracks is not None:
             reference, query = tracks
             found += swapped_sides(
@@ -828,6 +828,7 @@ class MatchResult:
             )  # fmt: skip
             truth = replace(truth, notes=notes)
             found = judge(truth)
+            notes = (*unjudged(truth, self.matches.place, self.matches.query), *notes)
         for note in notes:
             warnings.warn(note, EdgeVprWarning, stacklevel=2)
         return replace(found, truth=truth)

@@ -114,6 +114,8 @@ def judged(drives, tmp_path, capsys, texts, suffix, tolerance=10.0, **flags):
     )
     result, truth, _ = load_evaluated(str(folder), given, find_offset=find_offset)
     found = result.evaluate(truth)
+    # fewer judged matches make those that are judged no more doubtful
+    assert not any("cannot be judged" in note for note in found.truth.notes)
     return int(found.correct.sum()), found.queries, capsys.readouterr().err
 
 

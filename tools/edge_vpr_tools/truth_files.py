@@ -21,6 +21,7 @@ from edge_vpr.evaluation.ground_truth import (
     from_tracks,
     load_alignment,
     load_matrix,
+    unjudged,
 )
 from edge_vpr.evaluation.track_files import load_track
 from edge_vpr.evaluation.tracks import Track
@@ -191,7 +192,7 @@ def load_evaluated(
             raise
         raise GroundTruthError(f"{error}; {advice[0]}") from None
     truth = replace(truth, notes=result.doubts_of(truth, *asked, remedy))
-    for line in truth.notes:
+    for line in (*unjudged(truth, matches.place, matches.query), *truth.notes):
         warning(line)
     return result, truth, files
 
