@@ -5,8 +5,9 @@ from __future__ import annotations
 import argparse
 import csv
 import json
+import re
 from collections import Counter
-from dataclasses import replace
+from dataclasses import fields, replace
 from pathlib import Path
 from typing import ClassVar
 
@@ -518,6 +519,15 @@ def test_where_no_design_fits_no_better_one_is_named(capsys):
 def test_the_page_names_every_target():
     page = (Path(__file__).parents[2] / "docs" / "estimate.md").read_text()
     assert [name for name in targets.names() if f"`{name}`" not in page] == []
+
+
+def test_the_page_names_every_key():
+    """Of costs, memory, and what is recommended by which share of correct matches."""
+    page = (ROOT / "docs" / "estimate.md").read_text(encoding="utf-8")
+    keys = {*(each.name for each in fields(counts.Cost)), *(e.name for e in fields(counts.Sizes))}
+    keys |= {*search.DeviceMemory._fields, *search.Recommendation._fields, "limited_by"}
+    keys |= {"accuracy", "error", "selected_share"}
+    assert [key for key in sorted(keys) if not re.search(rf"`([\w.]+\.)?{key}`", page)] == []
 
 
 def parsed(words):

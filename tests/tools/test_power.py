@@ -13,7 +13,8 @@ import subprocess
 import sys
 import threading
 import time
-from dataclasses import replace
+from dataclasses import fields, replace
+from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
@@ -23,6 +24,8 @@ from edge_vpr_tools.console import terminated_as_interrupted
 from edge_vpr_tools.profile import measurement
 from edge_vpr_tools.profile.conditions import Conditions, void_because
 from edge_vpr_tools.profile.measurement import (
+    Energy,
+    Figures,
     Plan,
     Sampler,
     Trace,
@@ -35,11 +38,12 @@ from edge_vpr_tools.profile.measurement import (
     varying_load,
 )
 from edge_vpr_tools.profile.meter_trace import _spread, align, read_meter
-from edge_vpr_tools.profile.profiling import Profile
+from edge_vpr_tools.profile.profiling import Moments, Profile
 from edge_vpr_tools.profile.sensors import pmic
 from edge_vpr_tools.profile.sensors.hwmon import CHIPS, with_shunt
 from edge_vpr_tools.profile.sensors.search import find_sensors
 from edge_vpr_tools.profile.sensors.sensor import About, Sensor, SensorError
+from edge_vpr_tools.profile.workload import Throughput
 from test_commands import drive  # noqa: F401
 
 from edge_vpr.errors import UsageError
@@ -687,6 +691,15 @@ def test_a_trace_that_has_nothing_to_do_with_the_load_is_refused(kind):
     assert taken <= 1
 
 
+def test_a_meter_that_is_too_slow_for_the_periods_is_said_to_be():
+    """And no other program is blamed, even where the load varied."""
+    rng = np.random.default_rng(3)
+    windows = [w._replace(start_s=w.start_s / 10, end_s=w.end_s / 10) for w in busy_windows()]
+    time_s = np.arange(-5.0, 20)
+    with pytest.raises(UsageError, match="reads every 1 s, and windows are of 1 s: take windows"):
+        align(windows, time_s, 2 + rng.normal(0, 0.1, time_s.size))
+
+
 def test_a_load_that_varies_is_followed_and_its_interval_says_so():
     """Power by the work of each period, on a machine that was busy with other work."""
     windows, rng = busy_windows(), np.random.default_rng(8)
@@ -1032,11 +1045,14 @@ def test_a_meter_is_added_afterwards_and_drawn(profile, tmp_path, capsys):
     assert energy["figures"]["marginal_j_per_match"] == pytest.approx(JOULES, rel=0.1)
     assert (tmp_path / "report.html").stat().st_size > 10_000
     assert "negative" not in energy["sensor"]["detail"]
-    for by, says in ((1e4, "ahead"), (-1e4, "behind")):
+    assert energy["sensor"]["gain_error"] is energy["sensor"]["resolution"] is None
+    for by in (1e4, -1e4):
         table = "".join(f"{t + by},{w * 200}\n" for t, w in zip(time_s, watts, strict=True))
-        (other := tmp_path / f"{says}.csv").write_text(f"time_s,current_ma\n{table}")
+        (other := tmp_path / "clock.csv").write_text(f"time_s,current_ma\n{table}")
         assert main(["profile", "trace", str(path), str(other), "--voltage", "5"]) == 0
-        assert f"s {says}, by its steps" in " ".join(capsys.readouterr().out.split())
+        again = json.loads(path.read_text())["energy"]["figures"]
+        assert again["idle_w"] == pytest.approx(energy["figures"]["idle_w"], rel=0.01)
+        assert "replacing the energy that " in capsys.readouterr().err
     # one negative reading, as of a disturbed meter
     (other := tmp_path / "other.csv").write_text(f"time_s,current_ma\n{rows}{time_s[-1] + 1},-5\n")
     assert main(["profile", "trace", str(path), str(other), "--voltage", "5"]) == 0
@@ -1061,6 +1077,15 @@ def test_a_meter_is_added_afterwards_and_drawn(profile, tmp_path, capsys):
     assert second == pytest.approx(first * 4 / 5)
     assert main(["profile", "trace", str(path), str(meter)]) == 2
     assert json.loads(path.read_text())["energy"] == again
+
+
+def test_the_page_names_every_key():
+    """Of the records that profile.json is made of."""
+    page = (Path(__file__).parents[2] / "docs/profile.md").read_text(encoding="utf-8")
+    kinds = (Profile, Throughput, Figures, About, Conditions, Moments, Energy)
+    keys = {each.name for kind in kinds for each in fields(kind)} | {*Window._fields}
+    keys = {key for key in keys if not key.endswith("_interval")}
+    assert [key for key in sorted(keys) if not re.search(rf"`(energy\.)?{key}`", page)] == []
 
 
 @pytest.mark.parametrize(

@@ -126,6 +126,21 @@ class Sampler:
             self.error = error
 
 
+def typical_s(windows: Sequence[Window]) -> float:
+    """Return the median length of windows."""
+    return float(np.median([window.end_s - window.start_s for window in windows]))
+
+
+def too_slow(period_s: float, window_s: float) -> str:
+    """Say that a meter reads too seldom for the windows, if it does."""
+    if round(window_s / period_s) >= _LEAST_TRACE_SAMPLES:
+        return ""
+    return (
+        f"the meter reads every {period_s:g} s, and windows are of {window_s:g} s: take windows of "
+        f"{_LEAST_QUICK_SAMPLES * period_s:g} s or more (--window-s)"
+    )
+
+
 def varying_load(windows: Sequence[Window]) -> str:
     """Say how far the work of the load periods differs, if by more than a quarter."""
     matches = [window.matches for window in windows if window.load]
@@ -400,12 +415,9 @@ def analyse(trace: Trace, windows: Sequence[Window], about: About) -> Energy:
         If the meter reads too seldom for the windows. Where it gives fewer than a hundred readings
         in a window, the intervals are widened by those that may be of the window beside it.
     """
-    window_s = float(np.median([w.end_s - w.start_s for w in windows]))
-    if round(window_s / about.period_s) < _LEAST_TRACE_SAMPLES:
-        raise SensorError(
-            f"the meter reads every {about.period_s:g} s, and windows are of {window_s:g} s: take "
-            f"windows of {_LEAST_QUICK_SAMPLES * about.period_s:g} s or more (--window-s)"
-        )
+    window_s = typical_s(windows)
+    if slow := too_slow(about.period_s, window_s):
+        raise SensorError(slow)
     idle_w, load_w = paired_energy(trace, windows)
     loads = [window for window in windows if window.load]
     # divided by the matches of the same period, so that a slow period does not seem cheap

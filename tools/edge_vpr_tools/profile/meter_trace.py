@@ -21,7 +21,15 @@ import numpy as np
 
 from edge_vpr.errors import UsageError
 from edge_vpr.files import open_input
-from edge_vpr_tools.profile.measurement import LEAST_PAIRS, Floats, Trace, Window, varying_load
+from edge_vpr_tools.profile.measurement import (
+    LEAST_PAIRS,
+    Floats,
+    Trace,
+    Window,
+    too_slow,
+    typical_s,
+    varying_load,
+)
 from edge_vpr_tools.profile.sensors.sensor import MAX_WATTS
 
 #: Random orders of idle and load that a trace has to fit worse than the true one, and places at
@@ -400,11 +408,13 @@ def align(windows: Sequence[Window], time_s: Floats, watts: Floats) -> float:
     fine = np.interp(np.arange(0.0, room + span, step), time_s - time_s[0], watts)
     scores = np.correlate(fine - fine.mean(), pattern, mode="valid")
     if not _follows(windows, time_s, watts):
+        period_s, window_s = float(np.median(np.diff(time_s))), typical_s(windows)
         busy = varying_load(windows)
+        remedy = f"{busy}: stop other programs" if busy else "take longer windows"
         raise UsageError(
             "the meter's trace does not rise and fall with the load of the profile, at any time: "
             "is it of the same run, and of the board that ran it, and is its unit of time right? "
-            f"If so, {f'{busy}: stop other programs' if busy else 'take longer windows'}"
+            f"If so, {too_slow(period_s, window_s) or remedy}"
         )
     return float(time_s[0] + int(np.argmax(scores)) * step - start)
 

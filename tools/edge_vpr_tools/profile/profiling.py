@@ -195,6 +195,8 @@ def with_meter(
     windows = found.energy.windows  # an earlier trace leaves them, to be computed again
     if not windows:
         raise UsageError(f"{path} took no turns for a meter: make it with --meter")
+    if found.energy.sensor is not None:
+        note(f"replacing the energy that {found.energy.sensor.name} measured")
     with parse_errors(path, "the turns of a profile", "make it again with edge-vpr profile"):
         check_turns(windows)
     time_s, watts, read_from, left_out = read_meter(meter, voltage, columns)
@@ -209,8 +211,8 @@ def with_meter(
         kind="power",
         scope="what the external meter feeds",
         period_s=float(np.median(np.diff(time_s))),
-        detail=f"from {read_from}; its clock is {abs(ahead):.3f} s "
-        f"{'ahead' if ahead > 0 else 'behind'}, by its steps; its gain error is not known{doubt}",
+        detail=f"from {read_from}, aligned by the steps of the load; its gain error is not "
+        f"known{doubt}",
     )
     energy = analyse(Trace.of_power(time_s - ahead, watts), windows, about)
     return replace(found, energy=replace(energy, figures=None) if found.void else energy)

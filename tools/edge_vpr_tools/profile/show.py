@@ -96,7 +96,10 @@ def notes(found: Profile) -> list[str]:
 
 def _energy_notes(energy: Energy) -> list[str]:
     if energy.sensor is None and energy.windows:
-        return ["Turns were taken: `edge-vpr profile trace` adds a meter's CSV."]
+        return [
+            "Idle and load alternated for an external meter: `edge-vpr profile trace` adds the CSV "
+            "that it recorded meanwhile."
+        ]
     notes = [f"Energy is not measured. {reason}." for reason in energy.not_measured_because]
     if energy.sensor is None:
         return notes

@@ -165,7 +165,7 @@ def with_shunt(sensor: Sensor, mohm: float) -> Sensor:
     factor = about.shunt_mohm / mohm
     about = replace(
         about,
-        resolution=about.resolution * factor,
+        resolution=None if about.resolution is None else about.resolution * factor,
         shunt_mohm=mohm,
         detail=f"{about.detail.partition('; shunt')[0]}; shunt of {mohm:g} mOhm as confirmed, the "
         f"driver's is {about.shunt_mohm:g}: its readings are multiplied by {factor:g}",

@@ -32,8 +32,9 @@ class About:
     kind: Kind  #: {"energy", "power"}: whether it counts joules or returns watts.
     scope: str  #: Parts of the machine that the reading includes, and those that it does not.
     period_s: float  #: Time between two native readings; faster sampling gives duplicates.
-    resolution: float = 0.0  #: Step of a reading, in joules or watts; 0 if it is not known.
-    gain_error: float = 0.0  #: Largest relative error of the scale, shunt included.
+    resolution: float | None = None  #: Step of a reading, in joules or watts; None: not known.
+    #: Largest relative error of the scale, shunt included; None if it is not known.
+    gain_error: float | None = None
     detail: str = ""  #: Source of the gain error, and what the user has to confirm.
     shunt_mohm: float | None = None  #: Shunt with which the reading was computed, if it is known.
 
