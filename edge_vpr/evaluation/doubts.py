@@ -155,10 +155,16 @@ def clock_notes(track: Track, times_us: npt.NDArray[Any], clock_us: int) -> Iter
 
 
 def _covers(log: str, track: Track, times_us: npt.NDArray[Any]) -> str:
+    longer = float(np.ptp(track.time_us)) / float(times_us.max())
+    units = (("ms", 1e3), ("us", 1e6), ("ns", 1e9))
+    unit = next((u for u, n in units if LEAST_COMMON < longer / n < 1 / LEAST_COMMON), None)
     return (
         f"the {log} covers {track.time_us[0] / 1e6:.0f} to {track.time_us[-1] / 1e6:.0f} s and "
-        f"its drive lasts until {times_us.max() / 1e6:.0f} s: is it the log of this drive, and its "
-        "clock right (Track.shifted)?"
+        f"its drive lasts until {times_us.max() / 1e6:.0f} s: "
+    ) + (
+        "is it the log of this drive, and its clock right (Track.shifted)?"
+        if unit is None
+        else f"are its times in {unit}? Name the unit in the header, as in time_{unit}"
     )
 
 

@@ -20,6 +20,7 @@ _HOUR_US = 3_600_000_000
 _SENTENCE = re.compile(
     r"\$(?P<body>(?P<type>[A-Z]{2}(?:RMC|GGA)),[^*$\r\n]*)(?:\*(?P<sum>[0-9A-Fa-f]{2}))?"
 )
+_OTHER = re.compile(r"\$(?:[A-Z]{2})?(GNS|GLL|PUBX)\b")
 _TIME = re.compile(r"(\d\d)(\d\d)(\d\d)(?:\.(\d{1,6})\d*)?")
 _ANGLE = re.compile(r"(\d{1,3})(\d\d(?:\.\d*)?)")
 
@@ -69,7 +70,7 @@ def read_nmea(text: str) -> Fixes:
     with_fix = np.array([sentence.position is not None for sentence in timed], dtype=np.bool_)
     if not with_fix.any():
         dropped["no fix"] += len(timed)
-        raise _no_fix(dropped)
+        raise _no_fix(dropped, _OTHER.findall(text))
     clock, dated = _unwrapped(timed)
     time, steps, kept = _steady(clock, with_fix, [sentence.type for sentence in timed])
     for row, step in _set_by_seconds(time, kept, timed):
@@ -273,10 +274,12 @@ def _set_by_seconds(
             yield int(rows[i + 3]), step
 
 
-def _no_fix(dropped: Counter[str]) -> GroundTruthError:
+def _no_fix(dropped: Counter[str], others: list[str]) -> GroundTruthError:
     """Return the error that says what the sentences lacked, and the remedy."""
     tally = ", ".join(f"{count} with {why}" for why, count in (+dropped).items()) or "none at all"
     remedy = "record again with the receiver under open sky, or give a .csv track"
+    if others and not +dropped:
+        remedy = f"it has {others[0]} sentences: let the receiver send RMC or GGA"
     most = max(dropped, key=lambda why: dropped[why], default="")
     if dropped[most] and most in ("bad checksum", "unreadable field", "no checksum"):
         remedy = "copy the log again, as it was edited or damaged, or give a .csv track"

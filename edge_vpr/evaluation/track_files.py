@@ -165,7 +165,7 @@ def _of_dates(
 
 
 def _gpx(text: str) -> Fixes:
-    """Read the track points of a GPX file (version 1.0 or 1.1, all segments in a row)."""
+    """Read the track points of a GPX file (1.0 or 1.1, all segments in a row), else waypoints."""
     dropped: Counter[str] = Counter()
     times, positions = [], []
     entries, unread = 0, ""
@@ -203,7 +203,10 @@ def _points(text: str) -> list[ElementTree.Element]:
         root = ElementTree.fromstring(text[text.find("?>") + 2 :] if "<?xml" in text else text)
     except (ElementTree.ParseError, ValueError, RecursionError) as error:
         raise GroundTruthError(f"this is not a GPX file ({error}): export it again") from error
-    return [element for element in root.iter() if _name(element) == "trkpt"]
+    if _name(root) == "kml":
+        raise GroundTruthError("this is KML: convert it to GPX, for example with GPSBabel")
+    found = [element for element in root.iter() if _name(element) in ("trkpt", "wpt")]
+    return [point for point in found if _name(point) == "trkpt"] or found
 
 
 def _name(element: ElementTree.Element) -> str:
@@ -227,6 +230,7 @@ def _position(point: ElementTree.Element) -> tuple[float, float] | None:
 
 
 _TIME_COLUMN = re.compile(r"(?:time|timestamp)(?:[ _]?[\[(]?(s|ms|us|µs|ns)[\])]?)?")
+_NAMED_TIME = re.compile(rf"#\s*{_TIME_COLUMN.pattern}(?=[\s,;])")
 _IN_A_SECOND = {"s": 1, "ms": 1_000, "us": 1_000_000, "µs": 1_000_000, "ns": 1_000_000_000}
 #: Units of positions, which are not part of the name of a column.
 _POSITION_UNIT = re.compile(r"(?:[ _]?[\[(](?:m|°|deg|degrees)[\])]|_m|_deg)$")
@@ -237,8 +241,10 @@ _POSITION_COLUMNS: tuple[tuple[Kind, tuple[str, ...]], ...] = (
     ("metric", ("position",)),
     ("metric", ("x", "y", "z")),
     ("metric", ("tx", "ty", "tz")),
+    ("metric", ("px", "py", "pz")),
     ("metric", ("p_rs_r_x", "p_rs_r_y", "p_rs_r_z")),
 )
+_COMPASS = ("N", "S", "E", "W", "")
 _NUMBER = re.compile(r"[-+]?(?:\d+[.,]?\d*|[.,]\d+)(?:e[-+]?\d+)?|nan", re.IGNORECASE)
 
 
@@ -284,6 +290,8 @@ def _named_columns(path: Path, header: tuple[str, ...], rows: list[list[str]]) -
         )
     ((kind, columns),) = found
     position = numbers(path, header, rows, columns, unknown=True)
+    if kind == "geographic":
+        position = _degrees(path, position, rows)
     written = [row[times[0]] for row in rows]
     timed = np.array([time.lower() not in UNKNOWN for time in written])
     dropped = Counter({"no time": int((~timed).sum())})
@@ -304,6 +312,32 @@ def _named_columns(path: Path, header: tuple[str, ...], rows: list[list[str]]) -
     return Fixes(time_us, position, kind, None, dropped, len(rows))
 
 
+def _degrees(path: Path, position: Floats, rows: list[list[str]]) -> Floats:
+    """Return latitudes and longitudes with the signs of columns of N or S and of E or W."""
+    known = np.abs(position[np.isfinite(position).all(axis=1)])
+    usual = np.median(known, axis=0) if known.size else np.zeros(2)
+    if usual[0] > 180.0 or usual[1] > 360.0:
+        minutes = (usual < (9_000.0, 18_000.0)).all() and np.mean(known % 100 < 60) > 0.99
+        raise GroundTruthError(
+            f"{path} has latitudes and longitudes of about {usual[0]:g} and {usual[1]:g}: give "
+            + ("degrees, which are dd + mm.mmmm / 60 of ddmm.mmmm" if minutes else "degrees")
+            + ("" if usual.max() < 1e6 else ": divide units of 1e-7 degrees by 10,000,000")
+        )
+    if (position[:, 1] > 180.0).any() and not (position[:, 1] < 0.0).any():  # 0 to 360, eastwards
+        position[:, 1] -= 360.0 * (position[:, 1] > 180.0)
+    # a column of N and S alone can be a heading; cells without a fix are empty
+    columns = [
+        [row[i].upper() for row in rows]
+        for i in range(len(rows[0]))
+        if all(row[i].upper() in _COMPASS for row in rows)
+    ]
+    for south in (column for column in columns if {"N", "S", ""} >= {*column} != {""}):
+        for west in (column for column in columns if {"E", "W", ""} >= {*column} != {""}):
+            negative = np.column_stack([np.isin(south, "S"), np.isin(west, "W")])
+            return np.where(negative, -np.abs(position), position)
+    return position
+
+
 def _poses(path: Path, text: str) -> Fixes:
     """Return times and positions of poses: eight numbers a line (TUM), or twelve (KITTI)."""
     rows = _lines(path, text)
@@ -314,7 +348,10 @@ def _poses(path: Path, text: str) -> Fixes:
         )
     poses = _all_numbers(path, rows)
     if poses.shape[1] == 8:
-        time_us, position = _times_us(path, poses[:, 0], "s"), poses[:, 1:4]
+        named = filter(None, map(_NAMED_TIME.match, text.lower().splitlines()))
+        unit = next((match[1] for match in named if match[1]), "s")
+        time_us = _times_us(path, poses[:, 0], unit)
+        position = poses[:, 1:4]
     else:
         time_us, position = _kitti_times(path, len(poses)), poses[:, [3, 7, 11]]
     return Fixes(time_us, position, "metric", None, Counter(), len(poses))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import datetime as dt
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from types import MappingProxyType
@@ -338,18 +339,28 @@ def unix_remedy(*tracks: Track, start_us: int | None = None) -> str:
 
 #: A metric track that is slower than this on average is in doubt. Chosen by judgement.
 _SLOWEST_MPS = 0.02
+#: Nearer than so many degrees to 0 N 0 E a track is one made up; in radians there is the sea too.
+_AT_SEA = 0.1
 #: Times that end at this share of the drive are not in microseconds.
 _SHORTEST_SHARE = 100
 
 
 def unit_doubts(track: Track) -> tuple[str, ...]:
-    """Return a note if a metric track hardly moves: it is probably in kilometres or degrees.
+    """Return a note if a metric track hardly moves, or a geographic one seems to be in radians.
 
     Raises
     ------
     GroundTruthError
-        If its coordinates look like latitudes and longitudes.
+        If the coordinates of a metric one look like latitudes and longitudes.
     """
+    if track.kind == "geographic":
+        latitude, longitude = np.abs(track.position).max(axis=0).tolist()
+        if latitude > math.pi / 2 or longitude > math.pi or max(latitude, longitude) < _AT_SEA:
+            return ()
+        return (
+            f"latitudes up to {latitude:.3g} and longitudes up to {longitude:.3g} degrees lie in "
+            "the sea off Africa: if they are in radians, multiply them by 180 / pi",
+        )
     position, seconds = track.position, float(np.ptp(track.time_us)) / 1e6
     if track.kind != "metric" or seconds == 0.0:
         return ()

@@ -73,6 +73,7 @@ def test_gpx_is_read_in_every_encoding(tmp_path, encoding):
         ("<gpx>", "is not a GPX file"),
         ("", "is not a GPX file"),
         ("<gpx/>", "export the recorded track, not a planned route"),
+        ("<kml/>", "this is KML: convert it to GPX"),
         ('<!DOCTYPE x [<!ENTITY a "aaaa">]><gpx>&a;</gpx>', "declares XML entities"),
         ("<a>" * 100_000, "is not a GPX file"),
         (GPX.format(encoding="utf-8").replace("12:00:04", "11:00:04"), "time runs backwards"),
@@ -115,6 +116,7 @@ def test_what_was_left_out_of_a_log_is_said_with_its_share_and_reasons(tmp_path)
     [
         (lambda line: line.replace("15254", "15255"), "copy the log again"),
         (lambda line: "", "open sky"),
+        (lambda line: line.replace("RMC", "GLL"), "it has GLL sentences: let the receiver send"),
     ],
 )
 def test_a_log_without_a_fix_gets_advice_that_helps(tmp_path, spoilt, says):
@@ -183,6 +185,13 @@ def test_one_route_at_other_times_says_that_it_is_the_clock():
         from_tracks(reference, query, centres(10), centres(90)[50:], 20.0)
 
 
+def test_times_in_another_unit_than_their_header_says_are_named():
+    first = straight(20, 100)
+    late = Track(first.time_us * 1_000, first.position, max_gap_us=10**12)
+    truth = from_tracks(first, late, centres(20), centres(20), 5.0)
+    assert any("are its times in ms? Name the unit in the header" in note for note in truth.notes)
+
+
 def test_the_share_of_two_ways_in_common_is_measured_in_metres_of_the_query():
     reference, query = straight(100, 1_000), straight(50, 2_000)
     found = overlap(reference, query, 5.0)
@@ -201,6 +210,45 @@ def test_an_offset_sets_a_clock_right():
     for wrong in (float("nan"), float("inf"), 1e15):
         with pytest.raises(GroundTruthError, match="expected seconds such as"):
             track.shifted(wrong)
+
+
+@pytest.mark.parametrize(
+    ("header", "row", "expected"),
+    [
+        ("time_s,lat,ns,lon,ew", "{},33.45,s,70.66,W", (-33.45, -70.66)),
+        ("time_s,ew,ns,lat,lon", "{},E,S,-33.45,70.66", (-33.45, 70.66)),
+        ("time_s,lat,lon,heading", "{},33.45,70.66,S", (33.45, 70.66)),
+        ("time_s,lat,lon", "{},-33.45,289.34", (-33.45, -70.66)),
+        ("time_s,lat,lon", "{},33.45,180", (33.45, 180.0)),
+    ],
+)
+def test_hemispheres_and_longitudes_up_to_360_are_signed(tmp_path, header, row, expected):
+    without = re.sub("[^,]", "", row)
+    lines = [header, "9" + without, *(row.format(10 + t) for t in range(3))]
+    (tmp_path / "a.csv").write_text("\n".join(lines))
+    assert load_track(tmp_path / "a.csv").position == pytest.approx(np.array([expected] * 3))
+
+
+def test_a_fill_value_among_degrees_is_left_out(tmp_path):
+    rows = [f"{t},{999 if t == 4 else 33.45},{999 if t == 4 else 70.66}" for t in range(9)]
+    (tmp_path / "a.csv").write_text("\n".join(["time_s,lat,lon", *rows]))
+    assert dict(load_track(tmp_path / "a.csv").dropped) == {"a position that cannot be reached": 1}
+
+
+def test_radians_are_named(tmp_path):
+    degrees = np.column_stack([np.linspace(33.45, 33.46, 9), np.full(9, -70.66)])
+    for position, named in ((degrees, False), (np.radians(degrees), True)):
+        table = {"time_s": np.arange(9), "lat": position[:, 0], "lon": position[:, 1]}
+        assert ("if they are in radians" in " ".join(load_track(table).notes)) == named
+
+
+def test_waypoints_with_times_are_a_track_where_there_is_no_other(tmp_path):
+    for text in (GPX, GPX.replace("trkpt", "wpt")):  # three of seven are read
+        (tmp_path / "a.gpx").write_text(text.format(encoding="utf-8"))
+        assert len(load_track(tmp_path / "a.gpx").time_us) == 3
+    extra = '</trk><wpt lat="0" lon="0"><time>2024-01-01T12:00:02Z</time></wpt>'
+    (tmp_path / "a.gpx").write_text(GPX.format(encoding="utf-8").replace("</trk>", extra))
+    assert len(load_track(tmp_path / "a.gpx").time_us) == 3
 
 
 def test_times_that_no_clock_shows_are_refused(tmp_path):
@@ -244,6 +292,10 @@ def euroc(seconds, x, y, z):
     return f"{round((UNIX_S + seconds) * 10**9)},{x},{y},{z},1,0,0,0"
 
 
+def microseconds(seconds, x, y, z):
+    return f"{round((UNIX_S + seconds) * 10**6)} {x} {y} {z} 0 0 0 1"
+
+
 def named_frame(*pose):
     return "map," + ",".join(tum(*pose).split()[:4])
 
@@ -253,6 +305,9 @@ def named_frame(*pose):
     [
         ("groundtruth.txt", "# timestamp tx ty tz qx qy qz qw\n", tum),
         ("poses.tum", "", tum),
+        ("poses.txt", "# time of the camera\n# timestamp[us] px py pz qx qy qz qw\n", microseconds),
+        ("poses.csv", "#timestamp[us],px,py,pz,qx,qy,qz,qw\n",
+         lambda *pose: microseconds(*pose).replace(" ", ",")),
         ("data.csv", f"#timestamp [ns], {EUROC}, q_RS_w [], a, b, c\n", euroc),
         ("odom.csv", "timestamp_ns,x,y,z,qw,qx,qy,qz\n", euroc),
         ("odom.csv", "frame,timestamp,tx,ty,tz\n", named_frame),
@@ -303,6 +358,10 @@ def test_poses_of_kitti_take_their_times_from_the_sequence(times, tmp_path):
         ("a.csv", "time_s,timestamp,x\n0,1,1\n", "2 columns of time .time_s, timestamp.: leave"),
         ("a.csv", "time_s,lat\n0,1\n", "expected time_s,x_m"),
         ("a.csv", "timestamp,x\n1587452582350000000,1\n", "name their unit .* as in time_ns"),
+        ("a.csv", "time_s,lat,lon\n0,3327.5,7039.6\n", r"degrees, which are dd \+ mm.mmmm / 60"),
+        ("a.csv", "time_s,lat,lon\n0,-334500000,7066000\n", "divide units of 1e-7 degrees"),
+        ("a.csv", "time_s,lat,lon\n0,299.7,5\n", "of about 299.7 and 5: give degrees$"),
+        ("a.csv", "time_s,lat,lon\n0,120,30\n", "give latitude first"),
         ("a.txt", "0 1 2 3\n", "has 4 cells in its first line: poses have 8"),
         ("a.txt", "0 1 2 3 4 5 6 7\n0 1\n", "row 2 is '0,1', not 8 cells"),
         ("a.csv", "1,0,odom,2.5\n", "has 4 cells in its first line: .* tables a header"),
