@@ -222,6 +222,12 @@ def _damaged(path: Path, place: str, error: BaseException) -> RecordingError:
 _REMEDY = "read with on_fault='drop': {them} left out and counted"
 #: Share of faulty entries above which dropping them is no remedy.
 _NEARLY_ALL = 0.9
+#: Share of late events up to which dropping them is a remedy, and number that always is.
+_FEW_LATE, _FEW = 0.01, 10
+#: An event that lies further than this ahead of those before and after it is the wrong one.
+_AHEAD_US = 1_000_000
+#: A clock of 32 bits falls by `_WRAP_US` when it wraps, less the time between two events.
+_WRAP_US, _LONGEST_PAUSE_US = 1 << 32, 1 << 26
 #: Share of events off the sensor above which a camera's faulty words are not their cause.
 _MANY_OFF = 0.001
 _OFF_CAUSES = (
@@ -240,7 +246,8 @@ class Faults:
     Attributes
     ----------
     backwards : int
-        Events earlier than an event before them.
+        Events earlier than an event before them; and single ones that lie more than a second ahead
+        of the events before and after them.
     off_sensor : int
         Events whose pixel does not exist.
     unreadable : int
@@ -304,13 +311,18 @@ class FaultLog:
         self.times_are_float32 = False
         self.remarks: list[str] = []  #: warnings about implausible values
         self.last_us: int | None = None  #: time of the last good event so far
+        self.wrapped = ""  #: where a clock of 32 bits wrapped first
         self._good = 0
+        self._turns = 0  # wraps less steps back over them
+        self._raw_us: int | None = None  # the file's last time so far
+        self._held: Columns | None = None  # a last event far ahead, judged by the next one
 
     def admit(self, columns: Columns) -> Events:
         """Check one chunk; chunks must come in the order of the file.
 
-        An event is late if any good event before it has a later time. A single wrong time far in
-        the future therefore makes all events after it late, which the count shows.
+        An event is late if any good event before it has a later time. A single event far ahead of
+        both its neighbours is faulty itself; several make all events after them late, which the
+        count shows.
 
         Returns
         -------
@@ -322,6 +334,18 @@ class FaultLog:
         RecordingError
             At the first faulty event, unless faults are dropped.
         """
+        if self._held is not None:
+            columns = Columns(*map(np.concatenate, zip(self._held, columns, strict=True)))
+            self._held = None
+        if columns.t.size:
+            before = int(columns.t[-2]) if columns.t.size > 1 else self._raw_us
+            if before is not None and int(columns.t[-1]) - before > _AHEAD_US:
+                self._held = Columns(*(column[-1:].copy() for column in columns))
+                columns = Columns(*(column[:-1] for column in columns))
+        return self._admit(columns)
+
+    def _admit(self, columns: Columns) -> Events:
+        columns = columns._replace(t=self._continued(columns.t))
         t, x, y, p = columns
         if t.size and not self._clean(columns):
             t, x, y, p = self._sift(columns)
@@ -337,14 +361,44 @@ class FaultLog:
             events["p"] = p if p.dtype == np.bool_ else p > 0
         return events
 
-    def finish(self) -> None:
+    def _continued(self, t: npt.NDArray[Any]) -> npt.NDArray[Any]:
+        """Return times without the wraps of a clock of 32 bits, which tables may have."""
+        if not t.size:
+            return t
+        raw = t.astype(np.int64, copy=False)
+        before = int(raw[0]) if self._raw_us is None else self._raw_us
+        self._raw_us, least = int(raw[-1]), _WRAP_US - _LONGEST_PAUSE_US
+        rises = raw[0] >= before and bool((raw[1:] >= raw[:-1]).all())
+        if not self._turns and rises and self._raw_us - before < least:
+            return t
+        steps = np.diff(raw, prepend=before)
+        turned = (np.abs(steps) >= least) & (np.abs(steps) < _WRAP_US)
+        turns = self._turns - np.cumsum(np.sign(steps) * turned)
+        self._turns = int(turns[-1])
+        wraps = np.maximum(turns, 0)  # a step ahead without a wrap before it is a gap
+        if not self.wrapped and wraps.any():
+            i = int(np.argmax(wraps > 0))
+            last = raw[i - 1] if i else before
+            self.wrapped = (
+                f"the clock fell from {last} to {raw[i]} us at event {self.entries + i:,}"
+            )
+        return raw + wraps * _WRAP_US
+
+    def finish(self) -> Events:
         """End the pass over all of a file.
+
+        Returns
+        -------
+        ndarray of EVENT_DTYPE, shape (n,)
+            A last good event that :meth:`admit` has not returned, if there is one.
 
         Raises
         ------
         RecordingError
             If nearly all entries were faulty: the others are then good by chance.
         """
+        none = np.empty(0, np.int64)
+        rest = self._admit(self._held or Columns(none, none, none, none))
         faults = self.faults
         bad = faults.backwards + faults.off_sensor + faults.unreadable
         if self._good and bad > _NEARLY_ALL * (bad + self._good):
@@ -352,6 +406,7 @@ class FaultLog:
                 f"{self.path}: nearly all of its entries are faulty ({faults}; {self._good:,} are "
                 f"good): {_CHECKS}"
             )
+        return rest
 
     def remark(self, text: str) -> None:
         """Keep a remark, once."""
@@ -375,25 +430,26 @@ class FaultLog:
         self.faults.unreadable += n
 
     def _fault(
-        self, what: str, bad: int, total: int | None, them: str, first: str = "", off: int = 0
+        self, what: str, bad: int, total: int | None, them: str, remedy: str = "", off: int = 0
     ) -> str:
         """Return the error of the first of `bad` faults among the next `total` entries.
 
         Parameters
         ----------
-        first : str
-            What to try before all else.
+        remedy : str
+            What to do, if not to drop them.
         off : int
             How many of them lie off the sensor.
         """
-        remedy = _REMEDY.format(them=f"{them} are")
-        if total is not None and bad > _NEARLY_ALL * (self._good + total):
+        if total is not None and (remedy or bad > _NEARLY_ALL * (self._good + total)):
             what += f", and {bad:,} of {total:,} entries there are faulty"
-            remedy = _CHECKS
-        elif total is not None and off > max(1, _MANY_OFF * (self._good + total)):
-            what += f", and so do {off / total:.1%} of the events there"
-            first = f"{_OFF_CAUSES}; if not, "
-        return f"{self.path}: {what}: {first}{remedy}"
+            remedy = remedy or _CHECKS
+        else:
+            remedy = _REMEDY.format(them=f"{them} are")
+            if total is not None and off > max(1, _MANY_OFF * (self._good + total)):
+                what += f", and so do {off / total:.1%} of the events there"
+                remedy = f"{_OFF_CAUSES}; if not, {remedy}"
+        return f"{self.path}: {what}: {remedy}"
 
     def undated(self, n: int) -> None:
         """Report `n` events before the first time word; never an error."""
@@ -421,13 +477,23 @@ class FaultLog:
         floor = np.iinfo(np.int64).min
         times = np.full(t.shape, floor, np.int64)
         times[on] = t[on]
+        ahead = self._ahead(times, np.flatnonzero(on))
+        times[ahead] = floor
         latest = np.empty_like(times)
         latest[0] = floor if self.last_us is None else self.last_us
         latest[1:] = np.maximum(np.maximum.accumulate(times)[:-1], latest[0])
         late = on & (times < latest)
+        late[ahead] = False
         good = on & ~late
+        good[ahead] = False
         i = int(np.flatnonzero(~good)[0])
-        if on[i]:
+        n_late, remedy = int(np.count_nonzero(late)), ""
+        if i in ahead:
+            what = (
+                f"its time, {t[i]} us, is {(t[i] - latest[i]) / 1e6:,.6g} s ahead of the events "
+                "before and after it"
+            )
+        elif on[i]:
             what = f"time runs backwards, from {latest[i]} to {t[i]} us"
         elif known[i]:
             what = f"pixel ({x[i]}, {y[i]}) at {t[i]} us lies off the {self.sensor} sensor"
@@ -435,17 +501,43 @@ class FaultLog:
             what = f"time {t[i]} us lies beyond 2**60 us{unit_remedy(int(t[i]))}"
             self.first_unreadable = self.first_unreadable or what
         if not self.drop:
-            first = "sort the events by t, or " if (np.diff(t[late]) < 0).any() else ""
+            if late[i]:
+                lasting = late[on][-1] and latest[i] - t[i] > _AHEAD_US
+                if lasting or n_late > max(_FEW, _FEW_LATE * t.size):
+                    remedy = self._remedy_of_many(t[late], int(latest[i]), t.size)
             raise RecordingError(
                 self._fault(
                     f"event {self.entries + i:,}: {what}", int(np.count_nonzero(~good)), good.size,
-                    "such events", first, 0 if on[i] else int(np.count_nonzero(~on & known)),
+                    "such events", remedy, 0 if on[i] else int(np.count_nonzero(~on & known)),
                 )
             )  # fmt: skip
         self.faults.unreadable += int(np.count_nonzero(~known))
         self.faults.off_sensor += int(np.count_nonzero(~on & known))
-        self.faults.backwards += int(np.count_nonzero(late))
+        self.faults.backwards += n_late + len(ahead)
         return Columns(*(column[good] for column in columns))
+
+    def _ahead(self, times: npt.NDArray[np.int64], on: npt.NDArray[np.intp]) -> list[int]:
+        """Return those of the events `on` that alone lie far ahead of the ones beside them."""
+        t, found, begun = times[on], list[int](), 0
+        latest = int(t[0] if self.last_us is None and t.size else self.last_us or 0)
+        for i in np.flatnonzero(t[:-1] - t[1:] > _AHEAD_US).tolist():
+            latest = int(t[begun:i].max(initial=latest))
+            if t[i] - latest > _AHEAD_US:
+                found.append(int(on[i]))
+            begun = i + (t[i] - latest > _AHEAD_US)
+        return found
+
+    def _remedy_of_many(self, late: npt.NDArray[Any], latest_us: int, total: int) -> str:
+        """Return what to do about more late events among `total` than may be dropped."""
+        if (np.diff(late) < 0).any():
+            return "sort the events by t, since on_fault='drop' would lose all of these"
+        if late.size > _NEARLY_ALL * (self._good + total):
+            return _CHECKS
+        end = (latest_us - (self.origin_us or 0)) / 1e6
+        return (
+            "if the clock began anew, read the part before with "
+            f"end={end:.6f} and on_fault='drop'; if the times before are wrong, delete those events"
+        )
 
 
 def unit_remedy(time: float) -> str:
@@ -656,6 +748,7 @@ class Recording:
         self.end_us: int | None = None
         self.frame_period: Fraction | None = getattr(source, "frame_period", None)
         self._span: tuple[int, int | None] = (0, None)
+        self._wrap_told = False
         self._origin_us, self.start_us = self._find_start()
 
     @property
@@ -701,9 +794,20 @@ class Recording:
         with foreign_errors(self.path, lambda: f" after event {log.entries:,}"):
             for columns in self._source.chunks(log):
                 events = log.admit(columns)
+                if log.wrapped and not self._wrap_told:
+                    self._wrap_told = True
+                    warnings.warn(
+                        f"{self.path}: {log.wrapped}, as one of 32 bits does every 71.6 minutes, "
+                        "and is continued; if the camera was restarted, read the part before, with "
+                        "end=",
+                        EdgeVprWarning,
+                        stacklevel=3,
+                    )
                 if events.size:
                     yield events
-            log.finish()
+            rest = log.finish()
+            if rest.size:
+                yield rest
 
     def _cropped(self, log: FaultLog) -> Generator[Events, None, None]:
         start, end = self._span

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from streams import random_events
 
-from edge_vpr.errors import RecordingError, UsageError
+from edge_vpr.errors import EdgeVprWarning, RecordingError, UsageError
 from edge_vpr.events import Sensor, make_events
 from edge_vpr.recordings import open_recording
 
@@ -509,12 +509,65 @@ def test_npz_takes_the_names_that_npy_takes(names, tmp_path):
         assert rows == list(zip(t - t[0], x, y, p == 1, strict=True))
 
 
+@pytest.mark.parametrize("suffix", [".csv", ".npy", ".parquet", ".h5"])
+@pytest.mark.parametrize("chunk", [1, 700, 65_536])
+def test_a_clock_of_32_bits_that_wraps_is_continued_and_said(suffix, chunk, tmp_path):
+    t, x, y, p = rows_written()
+    t = t + 2**32 - 100_000
+    t[-5] -= 40  # late, but no wrap back
+    path = write_table(tmp_path / f"a{suffix}", (t % 2**32).astype(np.int64), x, y, p)
+    with pytest.warns(EdgeVprWarning, match=r"fell from 42949\d+ to \d+ us at event \d") as said:
+        recording = open_recording(path, sensor=SENSOR, chunk_events=chunk, on_fault="drop")
+        events = np.concatenate(list(recording))
+    list(recording)
+    assert len(said) == 1
+    kept = np.maximum.accumulate(t) == t
+    assert np.array_equal(events["t"], t[kept] - t[0])
+    gap = np.where(np.arange(t.size) < 900, t, t + 2**32 - 2_000_000)  # is none
+    path = write_table(tmp_path / f"gap{suffix}", gap[kept], *(c[kept] for c in (x, y, p)))
+    read = np.concatenate(list(open_recording(path, sensor=SENSOR, chunk_events=chunk)))
+    assert read["t"][-1] == gap[-1] - gap[0]
+
+
+@pytest.mark.parametrize("chunk", [1, 2, 3, 65_536])
+def test_one_time_far_ahead_is_the_fault_and_not_all_times_after_it(chunk, tmp_path):
+    t, x, y, p = rows_written()
+    t[[50, 53, 900]] += (3_000_000, 2_000_000, 2_000_000)
+    path = write_table(tmp_path / "a.npy", t, x, y, p)
+    recording = open_recording(path, sensor=SENSOR, chunk_events=chunk)
+    with pytest.raises(RecordingError, match=r"event 50: its time.* 3\.\d+ s ahead.*'drop'"):
+        list(recording)
+    recording = open_recording(path, sensor=SENSOR, chunk_events=chunk, on_fault="drop")
+    good = np.delete(t, [50, 53, 900])
+    assert np.concatenate(list(recording))["t"].tolist() == (good - t[0]).tolist()
+    assert recording.faults.backwards == 3
+    t[:] = np.append(good, [good[-1], good[-1], good[-1] + 2_000_000])  # the last of all
+    path = write_table(tmp_path / "b.npy", t, x, y, p)
+    read = list(open_recording(path, sensor=SENSOR, chunk_events=chunk))
+    assert np.concatenate(read)["t"][-1] == t[-1] - t[0]
+
+
+@pytest.mark.parametrize(
+    ("kind", "words"), [("anew", r"end=0\.1\d+ and"), ("mixed", "sort the ev")]
+)
+def test_dropping_is_not_advised_where_it_loses_many_events(kind, words, tmp_path):
+    t, x, y, p = rows_written()
+    if kind == "anew":
+        t[1_000:] -= t[1_000]
+    else:
+        t += np.random.default_rng(1).integers(0, 500, t.size)
+    path = write_table(tmp_path / "a.npy", t, x, y, p)
+    with pytest.raises(RecordingError, match=rf"entries there are faulty: .*{words}") as raised:
+        list(open_recording(path, sensor=SENSOR))
+    assert "left out and counted" not in str(raised.value)
+
+
 @pytest.mark.parametrize("suffix", [".csv", ".npy"])
 def test_where_nearly_all_events_are_faulty_none_is_read(suffix, tmp_path):
     """Dropping is not advised, and does not end well."""
     t, x, y, p = rows_written()
     far = t.copy()
-    far[10] += 10**9
+    far[10:12] += 10**9
     for i, table in enumerate(((t, x + 60, y, p), (far, x, y, p))):
         path = write_table(tmp_path / f"{i}{suffix}", *table)
         with pytest.raises(RecordingError, match="entries there are faulty") as raised:
