@@ -148,9 +148,9 @@ def clock_notes(track: Track, times_us: npt.NDArray[Any], clock_us: int) -> Iter
     if abs(apart_us) < _OTHER_START_US or not _common(track.shifted(apart_us / 1e6), times_us):
         return
     yield (
-        f"by its dates the log begins {abs(apart_us) / 1e6:,.1f} s "
-        f"{'after' if apart_us > 0 else 'before'} the recording, and is taken to begin with it: if "
-        f"the camera's clock is right, shift the log by {apart_us / 1e6:.6g} s (Track.shifted)"
+        f"by the dates of both, the log is laid {abs(apart_us) / 1e6:,.1f} s too "
+        f"{'early' if apart_us > 0 else 'late'} on the recording: if the camera's clock is right, "
+        f"shift it by {apart_us / 1e6:.6g} s (Track.shifted)"
     )
 
 

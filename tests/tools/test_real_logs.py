@@ -412,13 +412,13 @@ def test_dates_of_a_log_and_of_its_recording_that_begin_apart_are_named(
     ]
     correct, queries, said = judge(texts, "nmea")
     for log in ("reference", "query"):
-        line = f"{log} log: by its dates the log begins 6.0 s before the recording"
+        line = f"{log} log: by the dates of both, the log is laid 6.0 s too late on"
         assert (line in said) == (early == 6)
-    assert ("shift the log by -6 s" in said) == (early == 6)
+    assert ("shift it by -6 s" in said) == (early == 6)
     correct, queries, said = judge(texts, "nmea", offset=[f"-{early}", f"-{early}"])
     assert (correct, said) == (queries, "")
     if early == 6:
-        with pytest.warns(EdgeVprWarning, match=r"^track: by its dates the log begins 6\.0 s bef"):
+        with pytest.warns(EdgeVprWarning, match=r"^track: by the dates of both, the log is laid 6"):
             ReferenceMap.build(paths[0], pixels=60, track=tmp_path / "reference.nmea")
 
 
