@@ -362,6 +362,16 @@ def _sniff_bytes(path: Path, head: bytes) -> str | None:
             return name
     if head.startswith(b"% "):
         return encoding_of(path)
+    for magic, program in (
+        (b"\x1f\x8b", "gzip"),
+        (b"\xfd7zXZ\0", "xz"),
+        (b"BZh", "bzip2"),
+        (b"\x28\xb5\x2f\xfd", "zstd"),
+        (b"\x04\x22\x4d\x18", "lz4"),
+        (b"7z\xbc\xaf\x27\x1c", "7z"),
+    ):
+        if head.startswith(magic):
+            raise RecordingError(f"{path} is compressed by {program}: unpack it first")
     if head.startswith(b"#!AER-DAT"):
         version = head[9:12].decode("ascii", "replace").strip()
         raise RecordingError(
@@ -380,6 +390,11 @@ def _dimensions(head: bytes, path: Path) -> int:
 
 def _sniff_zip(path: Path) -> str:
     with foreign_errors(path), Archive(path) as archive:
+        files = archive.names.values()
+        if files and not any(name.endswith(".npy") for name in files):
+            raise RecordingError(
+                f"{path} is a zip archive of {', '.join(sorted(files)[:5])}: unpack it first"
+            )
         if archive.table is not None:
             return "npz"
         members = set(archive.names)

@@ -60,7 +60,7 @@ def _array_chunks(
 ) -> Iterator[Columns]:
     """Yield the events of one array of events, and set the position of `source`."""
     named = array_columns(stream.name, stream.dtype, stream.shape, source.options.columns)
-    unit = source.options.time_unit or named.unit or unit
+    unit, log.unused = source.options.time_unit or named.unit or unit, named.unused
     for rows in stream.blocks(source.options.chunk_events, log, "event {:,} of {:,}"):
         source.position = stream.rows_read / stream.shape[0]
         yield tidy(named.of(rows), unit, log, stream.rows_read - len(rows))

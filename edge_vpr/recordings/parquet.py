@@ -43,7 +43,7 @@ class ParquetSource(Source):
                 f"{path} has the columns {', '.join(schema.names)}, and not t, x, y, p: name all "
                 "of them in their order with columns="
             )
-        self._names = found.fields
+        self._names, self._unused = found.fields, found.unused
         self._check_types(path, schema)
         facts = schema.metadata or {}
         sensor = Sensor.parse(facts[_SENSOR].decode()) if _SENSOR in facts else None
@@ -66,7 +66,7 @@ class ParquetSource(Source):
 
     def chunks(self, log: FaultLog) -> Iterator[Columns]:
         """Yield the events; see :class:`Source`."""
-        entry = 0
+        entry, log.unused = 0, self._unused
         with self._open(self.path) as file:
             batches = file.iter_batches(
                 self.options.chunk_events, columns=list(self._names.values()), use_threads=False

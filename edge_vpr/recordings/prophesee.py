@@ -64,8 +64,17 @@ class Header(NamedTuple):
             return Sensor(int(width), int(height))
         if "geometry" in self.fields:
             return Sensor.parse(self.fields["geometry"])
+        return None
+
+    @property
+    def camera(self) -> Sensor | None:
+        """Size of the sensor that the driver's name identifies, of which a part may be recorded."""
         plugin = self.fields.get("plugin_name", "") + "_"
         return next((size for name, size in _PLUGINS if re.search(name, plugin)), None)
+
+    def size(self, options: ReadOptions) -> Sensor | None:
+        """Return the size that the file states, else the caller, else the camera."""
+        return self.sensor or options.sensor or self.camera
 
     @property
     def endianness(self) -> str:
@@ -429,7 +438,7 @@ class EvtSource(Source):
 
     def __init__(self, path: Path, options: ReadOptions) -> None:
         header = read_header(path)
-        super().__init__(path, options, header.sensor, header.start_us)
+        super().__init__(path, options, header.size(options), header.start_us)
         self._skip, self._endianness = header.n_bytes, header.endianness
         if self._endianness not in ("little", "big", "legacy"):
             raise RecordingError(
@@ -507,7 +516,7 @@ class DatSource(Source):
 
     def __init__(self, path: Path, options: ReadOptions) -> None:
         header = read_header(path)
-        super().__init__(path, options, header.sensor, header.start_us)
+        super().__init__(path, options, header.size(options), header.start_us)
         self._skip = header.n_bytes + 2
         with path.open("rb") as file:
             file.seek(header.n_bytes)

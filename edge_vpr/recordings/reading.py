@@ -309,6 +309,8 @@ class FaultLog:
         self.first_unreadable = ""  #: the first entry that is not an event, and why
         self.assumed_unit: str | None = None  #: unit of times, if neither file nor caller states it
         self.times_are_float32 = False
+        self.without_polarity = False  #: whether a table has no column of it
+        self.unused: list[str] = []  #: names of further columns of a table
         self.remarks: list[str] = []  #: warnings about implausible values
         self.last_us: int | None = None  #: time of the last good event so far
         self.wrapped = ""  #: where a clock of 32 bits wrapped first
@@ -529,14 +531,15 @@ class FaultLog:
 
     def _remedy_of_many(self, late: npt.NDArray[Any], latest_us: int, total: int) -> str:
         """Return what to do about more late events among `total` than may be dropped."""
-        if (np.diff(late) < 0).any():
-            return "sort the events by t, since on_fault='drop' would lose all of these"
+        mixed = bool((np.diff(late) < 0).any())
         if late.size > _NEARLY_ALL * (self._good + total):
-            return _CHECKS
-        end = (latest_us - (self.origin_us or 0)) / 1e6
+            return "sort the events by t, or " * mixed + _CHECKS
+        if mixed:
+            return "sort the events by t, since on_fault='drop' would lose all of these"
+        end = _seconds(latest_us - (self.origin_us or 0) + 1)
         return (
-            "if the clock began anew, read the part before with "
-            f"end={end:.6f} and on_fault='drop'; if the times before are wrong, delete those events"
+            f"if the clock began anew, read the part before, with end='{end}' and "
+            "on_fault='drop'; if the times before are wrong, delete those events"
         )
 
 
@@ -562,6 +565,11 @@ def unit_remedy(time: float) -> str:
         if abs(time) < in_a_second << 33:
             return f"; if times are in {unit}, pass time_unit='{unit}'"
     return ""
+
+
+def _seconds(us: int) -> str:
+    """Return microseconds as seconds with all digits."""
+    return f"{us // 1_000_000}.{us % 1_000_000:06d}"
 
 
 def check_policy(on_fault: str) -> None:
@@ -724,6 +732,8 @@ class Recording:
     remark : str
         Warning about an implausible unit of times, if the file does not state it, or about
         implausible values of the polarity; else "".
+    without_polarity : bool
+        Whether this is a table without a column of the polarity, so that all events are ON.
     frame_period : Fraction or None
         Seconds per frame of counts, as the file states or as given; None if the file holds events.
     end_us : int or None
@@ -745,6 +755,7 @@ class Recording:
         self._source = source
         self._on_fault = on_fault
         self.remark = ""
+        self.without_polarity = False
         self.end_us: int | None = None
         self.frame_period: Fraction | None = getattr(source, "frame_period", None)
         self._span: tuple[int, int | None] = (0, None)
@@ -859,12 +870,42 @@ class Recording:
                 f"{log.faults.off_sensor / log.entries:.1%} of the first {log.entries:,} events "
                 f"lie off the {self.sensor} sensor and are left out: {_OFF_CAUSES}"
             )
+        self.without_polarity = log.without_polarity
+        if log.without_polarity and log.unused and self._source.options.columns is None:
+            log.remark(
+                f"no column is named as the polarity, and all events are taken for ON: if "
+                f"{', '.join(log.unused[:5])} holds it, rename it p, or name all columns in their "
+                "order with columns="
+            )
+        doubt = ""
         if log.assumed_unit is not None:
             position, rounded = self._source.position, log.times_are_float32
-            log.remark(_doubt(first, position, self.sensor, log.assumed_unit, rounded))
+            doubt = _doubt(first, position, self.sensor, log.assumed_unit, rounded)
+        log.remark(doubt or _misdated(first))
         self.remark = "; ".join(filter(None, log.remarks))
         self._source.position = 0.0 if self._source.position is not None else None
         return log.origin_us, log.origin_us if start is None else start
+
+
+#: Longest usual time between two of the first events, in microseconds: a day.
+_LONGEST_GAP_US = 86_400_000_000
+
+
+def _misdated(events: Events) -> str:
+    """Return that the first events lie long before the others, or have times of whole seconds."""
+    gaps = np.diff(events["t"])
+    if events.size >= _FEWEST and gaps.any() and not (gaps % 1_000_000).any():
+        return (
+            f"the times of the first {events.size:,} events are whole seconds: read them with "
+            "their fractions, which another column may have"
+        )
+    if gaps.max(initial=0) < _LONGEST_GAP_US:
+        return ""
+    i = int(np.argmax(gaps))
+    return (
+        f"event {i:,} lies {gaps[i] / 1e6:,.0f} s before the next: if times up to there are wrong, "
+        f"read without them, with start='{_seconds(int(events['t'][i + 1]))}'"
+    )
 
 
 #: Fewest events for a check of the unit of time, and parts of which the usual rate is taken.
@@ -880,9 +921,11 @@ _US_PER_UNIT = {
 _USUAL_RATE, _SLOWEST, _SHORTEST, _LONGEST = 3.0, 5.0, 1.0, 3_600.0
 #: A unit is doubted if another one is more usual by `_DOUBTFUL` powers of ten, or if the shortest
 #: step between times exceeds `_LONGEST_STEP_US`; of float32, whose steps are of its digits and not
-#: of the camera, `_LONGEST_OF_FLOAT32_US`. A unit that is odd by more than `_IMPOSSIBLE` powers of
-#: ten is not proposed.
-_DOUBTFUL, _LONGEST_STEP_US, _LONGEST_OF_FLOAT32_US, _IMPOSSIBLE = 2.0, 1_000_000, 2_000, 4.0
+#: of the camera, `_LONGEST_OF_FLOAT32_US`. If each whole number up to the last has several events,
+#: `_DOUBTFUL_IF_FULL` powers suffice. A unit that is odd by more than `_IMPOSSIBLE` powers of ten
+#: is not proposed.
+_DOUBTFUL, _DOUBTFUL_IF_FULL, _IMPOSSIBLE = 2.0, 0.5, 4.0
+_LONGEST_STEP_US, _LONGEST_OF_FLOAT32_US = 1_000_000, 2_000
 
 
 def _doubt(
@@ -922,11 +965,12 @@ def _doubt(
     of_parts = float(np.median(np.diff(events["t"][::part]))) * (n - 1) / part
     usual_us = max(1.0, of_parts, float(steps.size * step_us))
 
+    def coarse(factor: Fraction) -> bool:
+        """Return whether steps are too long; whole numbers have those of one unit in any."""
+        return step_us > 1 and step_us * factor > longest_us
+
     def oddness(factor: Fraction) -> float:
         """Return by how many powers of ten rate and duration are unusual if times are scaled."""
-        # whole numbers have steps of one unit, whatever it is
-        if step_us > 1 and step_us * factor > longest_us:
-            return math.inf
         seconds = usual_us * float(factor) / 1e6
         rate = abs(math.log10(n / seconds / sensor.pixels / _USUAL_RATE))
         if share is None:
@@ -934,16 +978,20 @@ def _doubt(
         total = seconds / min(max(share, 1e-6), 1.0)
         return rate + max(0.0, math.log10(_SHORTEST / total), math.log10(total / _LONGEST))
 
-    odd = {unit: oddness(us / _US_PER_UNIT[assumed]) for unit, us in _US_PER_UNIT.items()}
+    factors = {unit: us / _US_PER_UNIT[assumed] for unit, us in _US_PER_UNIT.items()}
+    odd = {unit: oddness(factor) for unit, factor in factors.items()}
+    rounded = float32 and coarse(factors[assumed]) and odd[assumed] == min(odd.values())
+    odd |= {unit: math.inf for unit, factor in factors.items() if coarse(factor)}
     best = min(odd, key=lambda unit: odd[unit])
-    if odd[best] > _IMPOSSIBLE and odd[assumed] == math.inf:
+    if rounded or (odd[best] > _IMPOSSIBLE and odd[assumed] == math.inf):
         return (
             f"among the first {n:,} events there are {np.unique(events['t']).size:,} different "
             "times: save them as whole microseconds or float64, since float32 has too few digits "
             "for such times"
         )
     usual_rate = n * 1e6 / usual_us
-    if best == assumed or (odd[assumed] < odd[best] + _DOUBTFUL and usual_rate >= _SLOWEST):
+    doubtful = _DOUBTFUL_IF_FULL if step_us == 1 and n > 2 * usual_us else _DOUBTFUL
+    if best == assumed or (odd[assumed] < odd[best] + doubtful and usual_rate >= _SLOWEST):
         return ""
     rate = n * 1e6 / duration_us
     return (

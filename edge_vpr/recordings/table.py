@@ -32,7 +32,9 @@ UNITS = {
     **dict.fromkeys(
         ("us", "usec", "usecs", "micro", "micros", "microsecond", "microseconds"), "us"
     ),
-    **dict.fromkeys(("ns", "nsec", "nsecs", "nano", "nanos", "nanosecond", "nanoseconds"), "ns"),
+    **dict.fromkeys(
+        ("ns", "nsec", "nsecs", "nano", "nanos", "nanosec", "nanosecond", "nanoseconds"), "ns"
+    ),
 }
 _PIXELS = ("px", "pixel", "pixels")
 
@@ -62,10 +64,13 @@ class Named(NamedTuple):
         Names of the columns t, x, y and perhaps p in the table.
     unit : {"s", "ms", "us", "ns"} or None
         Unit of the times, if their name states it.
+    unused : list of str
+        Names of further columns.
     """
 
     fields: dict[str, str]
     unit: str | None
+    unused: list[str]
 
 
 class ArrayColumns(NamedTuple):
@@ -77,10 +82,13 @@ class ArrayColumns(NamedTuple):
         Of t, x, y and perhaps p.
     unit : {"s", "ms", "us", "ns"} or None
         Unit of the times, if the name of their field states it.
+    unused : list of str
+        Names of further fields.
     """
 
     fields: Mapping[str, str | int]
     unit: str | None
+    unused: list[str]
 
     def of(self, rows: npt.NDArray[Any]) -> dict[str, npt.NDArray[Any]]:
         """Return the columns of rows of the array, as views."""
@@ -114,11 +122,12 @@ def array_columns(
                 f"{name} has the fields {', '.join(dtype.names)}, and not "
                 "t, x, y, p: name all of them in their order with columns="
             )
-        return ArrayColumns({**found.fields}, found.unit)
+        return ArrayColumns({**found.fields}, found.unit, found.unused)
     if len(shape) == 2 and dtype.kind in "iuf":
         wanted = order or ("txy" if shape[1] == 3 else "txyp")
         if shape[1] == len(wanted):
-            return ArrayColumns({each: i for i, each in enumerate(wanted) if each != "-"}, None)
+            fields = {each: i for i, each in enumerate(wanted) if each != "-"}
+            return ArrayColumns(fields, None, [])
         if shape[0] == len(wanted):
             raise RecordingError(f"{name} has shape {shape}, a row a column: transpose it (.T)")
     raise RecordingError(
@@ -145,25 +154,52 @@ def match_columns(names: Iterable[str], order: str | None = None) -> Named | Non
     names = list(names)
     found: dict[str, tuple[int, str]] = {}
     times: dict[str, str] = {}
+    parts: dict[str, dict[str, str]] = {}
     for name in names:
         base, unit = _parse_name(name)
+        whose, part = ("", UNITS.get(base)) if unit is None else (base, unit)
+        if part is not None:
+            parts.setdefault(whose, {})[part] = name
         for column, aliases in ALIASES.items():
             if base in aliases:
                 found[column] = min(found.get(column, (99, "")), (aliases.index(base), name))
                 if column == "t" and unit is not None:
                     times[name] = unit
+    fields = {column: name for column, (_, name) in found.items()}
+    if {"x", "y"} <= fields.keys() and fields.get("t") in (None, *times):
+        _refuse_parts(parts.values())
     if len(set(times.values())) > 1:
         raise RecordingError(
             f"the columns {', '.join(times)} are all times: leave out all but one, or in text name "
             "the order of all columns with columns="
         )
-    fields = {column: name for column, (_, name) in found.items()}
-    if not {"t", "x", "y"} <= fields.keys():
-        if order is None or len(order) != len(names):
-            return None
+    known = {"t", "x", "y"} <= fields.keys()
+    if order is not None and len(order) == len(names) and not (known and "p" in fields):
         given = zip(order, names, strict=True)
-        return Named({column: name for column, name in given if column != "-"}, None)
-    return Named(fields, times.get(fields["t"]))
+        return Named({column: name for column, name in given if column != "-"}, None, [])
+    if not known:
+        return None
+    unused = [name for name in names if name and name not in fields.values()]
+    return Named(fields, times.get(fields["t"]), unused)
+
+
+def _refuse_parts(times: Iterable[dict[str, str]]) -> None:
+    """Raise RecordingError if a time is in two columns, of seconds and of their fractions.
+
+    Parameters
+    ----------
+    times : iterable of dict of str to str
+        Of each, the columns by their units.
+    """
+    for columns in times:
+        unit = next((unit for unit in ("ns", "us", "ms") if unit in columns), None)
+        if unit is not None and "s" in columns:
+            whole, rest = columns["s"], columns[unit]
+            raise RecordingError(
+                f"the columns {whole}, {rest} are the parts of one time: write one column t_{unit} "
+                f"= {10**9 // _NS_PER_UNIT[unit]} * {whole} + {rest} in their place (if each is a "
+                "whole time, leave one out)"
+            )
 
 
 def _parse_name(name: str) -> tuple[str, str | None]:
@@ -204,6 +240,8 @@ def likely_order(rows: npt.NDArray[np.float64]) -> str:
         return ""
     order[max(times, key=lambda i: float(rows[-1, i]))] = "t"
     left = [i for i in range(k) if not order[i]]
+    if len(left) > 3:
+        return ""
     if len(left) == 3:
         two = [i for i in left if np.unique(rows[:, i]).size <= 2]
         if len(two) != 1:
@@ -315,6 +353,7 @@ def tidy(
         fault.
     """
     if "p" not in columns:
+        log.without_polarity = True
         columns = columns | {"p": np.ones(columns["t"].shape, dtype=bool)}
     for name, column in columns.items():
         if column.dtype.kind not in ("iufmM" if name == "t" else "iufb") or column.ndim != 1:

@@ -139,6 +139,8 @@ _GEOMETRY_PATTERN = re.compile(
 _HEADER_PATTERN = re.compile(r"[,;\t](?![^(\[]{0,40}[)\]])")
 #: Numbers with decimal commas between semicolons or tabs.
 _DECIMAL_COMMAS = re.compile(rb" *[+-]?\d+(,\d+)?( *[;\t] *[+-]?\d+(,\d+)?){2,}\s*")
+#: Digits that look like those behind a decimal comma.
+_DECIMALS = re.compile(r"0\d{2,}")
 #: No number of an event has this many digits before the point, or zeros behind it.
 _MOST_DIGITS = 40
 _TRUTH = {"true": 1, "on": 1, "false": 0, "off": 0}
@@ -175,7 +177,7 @@ class TextSource(Source):
         if headed:
             self._skip += len(head.pop(0))
         rows = [self._split(line) for line in head if line.strip() and not _is_comment(line)]
-        self._order, stated = _find_order(path, names, headed, rows, options.columns)
+        self._order, stated, self._unused = _find_order(path, names, headed, rows, options.columns)
         self.unit = options.time_unit or stated or self._unit(rows)
         super().__init__(path, options, sensor, start_us)
         self._assumed = options.time_unit is None and stated is None and start_us is None
@@ -195,6 +197,7 @@ class TextSource(Source):
         """Yield the events; see :class:`Source`."""
         if self._assumed:
             log.assumed_unit = self.unit
+        log.without_polarity, log.unused = "p" not in self._order, self._unused
         size = max(1, self.path.stat().st_size)
         block = self.options.chunk_events * _BYTES_A_LINE
         with self.path.open("rb") as file:
@@ -311,8 +314,8 @@ def _names(line: bytes) -> list[str]:
 
 def _find_order(
     path: Path, names: list[str], headed: bool, rows: list[list[str]], columns: str | None
-) -> tuple[list[str], str | None]:
-    """Return the column of each word of a line ("-" to skip it), and the unit of times if stated.
+) -> tuple[list[str], str | None, list[str]]:
+    """Return the column of each word of a line ("-" to skip it), the unit of times, and the unused.
 
     Parameters
     ----------
@@ -330,17 +333,14 @@ def _find_order(
     found = None if columns else match_columns(names)
     if found and not headed and len(names) not in (width, width - 1):
         found = None  # any comment
-    unit = None
+    unit, unused = None, list[str]()
     if columns:
         order, named_by = list(columns), "columns= names"
     elif found:
         field = {name: column for column, name in found.fields.items()}
-        order, unit, named_by = (
-            [field.get(name, "-") for name in names],
-            found.unit,
-            "the header names",
-        )
-        if width == len(order) + 1:
+        order, named_by = [field.get(name, "-") for name in names], "the header names"
+        unit, unused = found.unit, found.unused
+        if width == len(order) + 1 and len({row[0] for row in rows}) == len(rows):
             order.insert(0, "-")  # the number of the line, as of pandas and R
     elif headed:
         raise RecordingError(
@@ -353,11 +353,19 @@ def _find_order(
         if whole := [row for row in numbers if None not in row]:
             check_order(path, np.array(whole))
     if width != len(order) and 2 * number > len(rows):
+        decimals = next((word for row in rows for word in row if _DECIMALS.fullmatch(word)), None)
         raise RecordingError(
-            f"{path} has {width} columns a line, and {named_by} {len(order)}: name all of them "
-            "with columns=, and with - those to leave out, for example columns='-txyp'"
+            f"{path} has {width} columns a line, and {named_by} {len(order)}: "
+            + (
+                "name all of them with columns=, and with - those to leave out, for example "
+                "columns='-txyp'; a time in two columns is to be written in one"
+                if decimals is None
+                else f"if {decimals} are digits behind a comma within a number, write it without "
+                "one (a point for decimals), or separate columns by semicolons; else name all "
+                "columns with columns="
+            )
         )
-    return order, unit
+    return order, unit, unused
 
 
 def _number(word: str) -> Decimal | None:

@@ -127,7 +127,7 @@ def test_a_time_that_is_missing_makes_no_seconds_of_microseconds(events):
 
 def test_events_that_are_not_sorted_are_to_be_sorted(events):
     mixed = np.random.default_rng(0).permutation(events)
-    with pytest.raises(RecordingError, match=r"runs backwards.*: sort the events by t, since"):
+    with pytest.raises(RecordingError, match=r"runs backwards.*: sort the events by t, or"):
         list(open_recording(mixed, sensor="32x32"))
 
 

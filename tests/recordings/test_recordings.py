@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import gzip
+import lzma
 import os
 import subprocess
 import sys
@@ -205,6 +207,12 @@ def test_a_missing_or_empty_file_is_one_line(name, tmp_path):
         ("a.raw", b"% evt 2.0\n% geometry wide\n% end\n", "WIDTHxHEIGHT"),
         ("a.dat", b"% Version 2\n% Height 3\n% Width 4\n\x07\x08", "kind 0708"),
         ("a.es", b"Event Stream\2\0\0", "is damaged ("),
+        (
+            "a.csv.gz",
+            gzip.compress(b"t,x,y,p\n", mtime=0),
+            "is compressed by gzip: unpack it first",
+        ),
+        ("a.txt", lzma.compress(b"t,x,y,p\n"), "is compressed by xz: unpack it first"),
     ],
 )
 def test_an_unreadable_file_is_one_line_that_says_why(name, content, words, tmp_path):
@@ -223,6 +231,10 @@ def test_an_archive_or_a_folder_of_other_things_says_what_it_holds(tmp_path):
     np.savez(tmp_path / "a.npz", weights=np.zeros(3))
     with pytest.raises(RecordingError, match="holds weights, and neither events"):
         open_recording(tmp_path / "a.npz")
+    with zipfile.ZipFile(tmp_path / "a.zip", "w") as archive:
+        archive.writestr("a.csv", "t,x,y,p\n")
+    with pytest.raises(RecordingError, match=r"a zip archive of a\.csv: unpack it first"):
+        open_recording(tmp_path / "a.zip")
     with pytest.raises(RecordingError, match=r"without \*\.db3"):
         open_recording(tmp_path)
 
@@ -257,6 +269,14 @@ def test_a_sensor_against_the_files_own_is_refused_and_the_same_one_is_not(tmp_p
     assert open_recording(path, sensor=SENSOR).sensor == SENSOR
     with pytest.raises(UsageError, match="40x30 sensor, and 41x30 was named"):
         open_recording(path, sensor=Sensor(41, 30))
+
+
+def test_a_camera_that_the_file_only_names_may_have_recorded_a_part(tmp_path):
+    words = np.array([0x8000_0000, 0x1000_0801], "<u4")  # time 0, an event at (1, 1)
+    path = tmp_path / "a.raw"
+    path.write_bytes(b"% evt 2.0\n% plugin_name hal_plugin_imx636_evk4\n% end\n" + words.tobytes())
+    assert open_recording(path).sensor == Sensor(1280, 720)
+    assert open_recording(path, sensor="640x480").sensor == Sensor(640, 480)
 
 
 def test_nothing_half_written_is_left_and_nothing_is_replaced_unasked(tmp_path):

@@ -264,7 +264,30 @@ def test_without_a_polarity_all_events_are_on(tmp_path):
     (tmp_path / "a.csv").write_text("t,x,y\n0,1,2\n")
     assert rows_of(tmp_path / "a.csv")[0] == [(0, 1, 2, True)]
     (tmp_path / "b.csv").write_text("0,1,2\n1,1,2\n")
-    assert rows_of(tmp_path / "b.csv")[0] == [(0, 1, 2, True), (1, 1, 2, True)]
+    rows, recording = rows_of(tmp_path / "b.csv")
+    assert rows == [(0, 1, 2, True), (1, 1, 2, True)]
+    assert recording.without_polarity
+    assert recording.remark == ""
+
+
+@pytest.mark.parametrize("suffix", [".csv", ".npy", ".parquet"])
+def test_a_column_that_may_be_the_polarity_is_named(suffix, tmp_path):
+    t, x, y, p = rows_written(50)
+    rows = np.rec.fromarrays([p, t, y, x], names="feature,timestamp,y,x")
+    path = tmp_path / f"a{suffix}"
+    if suffix == ".csv":
+        np.savetxt(path, rows, "%d", delimiter=",", header=",".join(rows.dtype.names), comments="")
+    elif suffix == ".npy":
+        np.save(path, np.array(rows))
+    else:
+        pyarrow = pytest.importorskip("pyarrow")
+        table = pyarrow.table({name: rows[name] for name in rows.dtype.names})
+        pytest.importorskip("pyarrow.parquet").write_table(table, path)
+    with pytest.warns(EdgeVprWarning, match="if feature holds it, rename it p"):
+        rows_of(path)
+    read, recording = rows_of(path, columns="ptyx")
+    assert [row[3] for row in read] == (p == 1).tolist()
+    assert not recording.without_polarity
 
 
 def test_a_sensor_is_never_guessed(tmp_path):
@@ -384,8 +407,57 @@ def test_columns_overrule_a_foreign_header(tmp_path):
 def test_two_times_of_different_units_are_not_chosen_from(tmp_path):
     path = tmp_path / "a.csv"
     path.write_text("stamp,timestamp_sec,timestamp_nsec,x,y,p\n0,5,1000,3,4,1\n")
-    with pytest.raises(RecordingError, match="timestamp_sec, timestamp_nsec are all times"):
+    with pytest.raises(RecordingError, match="timestamp_sec, timestamp_nsec are the parts of one"):
         rows_of(path)
+
+
+@pytest.mark.parametrize("suffix", [".csv", ".npy", ".npz", ".parquet", ".h5"])
+@pytest.mark.parametrize("names", ["sec nsec", "ts.secs ts.nsecs", "tv_sec tv_usec"])
+def test_seconds_and_their_fractions_in_two_columns_are_refused_by_name(names, suffix, tmp_path):
+    path, names = tmp_path / f"a{suffix}", names.split()
+    t, x, y, p = rows_written(50)
+    table = dict(zip([*names, "x", "y", "p"], (t // 10**6, t % 10**6, x, y, p), strict=True))
+    if suffix == ".csv":
+        rows = np.column_stack(list(table.values()))
+        np.savetxt(path, rows, "%d", delimiter=",", header=",".join(table), comments="")
+    elif suffix == ".npy":
+        np.save(path, np.array(np.rec.fromarrays(list(table.values()), names=list(table))))
+    elif suffix == ".npz":
+        np.savez(path, **table)
+    elif suffix == ".h5":
+        with pytest.importorskip("h5py").File(path, "w") as file:
+            for name, column in table.items():
+                file[f"events/{name}"] = column
+    else:
+        pyarrow = pytest.importorskip("pyarrow")
+        pytest.importorskip("pyarrow.parquet").write_table(pyarrow.table(table), path)
+    with pytest.raises(RecordingError, match=f"{', '.join(names)} are the parts of one time"):
+        rows_of(path)
+
+
+def test_columns_too_many_are_no_damage(tmp_path):
+    """Seconds and nanoseconds, two times, decimal commas between commas."""
+    t, x, y, p = (column.tolist() for column in rows_written(500))
+    rows = list(zip(t, x, y, p, strict=True))
+    for i, (lines, words) in enumerate(
+        (
+            ([f"0 {a} {b} {c} {d}" for a, b, c, d in rows], "5 columns a line.*two columns"),
+            ([f"{a} {a / 1e6} {b} {c} {d}" for a, b, c, d in rows], "5 columns a line"),
+            ([f"0,{a:06},{b},{c},{d}" for a, b, c, d in rows], "digits behind a comma"),
+            (["t,x,y,p", *(f"0,{a:06},{b},{c},{d}" for a, b, c, d in rows)], "digits behind a"),
+        )
+    ):
+        (tmp_path / f"{i}.csv").write_text("\n".join(lines) + "\n")
+        with pytest.raises(RecordingError, match=words):
+            rows_of(tmp_path / f"{i}.csv")
+
+
+@pytest.mark.parametrize("unit", ["s", "us"])
+def test_whole_seconds_are_remarked_on_in_any_unit(unit, tmp_path):
+    t, x, y, p = rows_written()
+    path = write_table(tmp_path / "a.npy", t // 50_000 * (1 if unit == "s" else 10**6), x, y, p)
+    remark = open_recording(path, sensor=SENSOR, time_unit=unit).remark
+    assert "2,000 events are whole seconds: read them with their fractions" in remark
 
 
 @pytest.mark.parametrize("order", ["xytp", "xypt", "pxyt", "tpxy", "ptxy", "xyt", "-txyp", "-xypt"])
@@ -476,6 +548,37 @@ def test_times_that_lost_their_digits_are_remarked_on(suffix, n, since, tmp_path
     assert "float32 has too few digits" in open_recording(path, sensor=SENSOR).remark
 
 
+def test_seconds_that_float32_has_rounded_are_no_milliseconds(tmp_path):
+    t, x, y, p = rows_written(50_000)
+    path = write_table(tmp_path / "a.npy", (1e5 + t / 1e6).astype(np.float32), x, y, p)
+    remark = open_recording(path, sensor=SENSOR).remark
+    assert "641 different times" in remark
+    assert "float32 has too few digits" in remark
+    assert "time_unit" not in remark
+
+
+def test_whole_milliseconds_of_a_short_drive_are_doubted(tmp_path):
+    t, x, y, p = rows_written(20_000)
+    t = t * 3 // 1_000
+    path = write_table(tmp_path / "a.npy", t, x, y, p)
+    remark = open_recording(path, sensor=(346, 260)).remark
+    assert "pass time_unit='ms'" in remark
+
+
+@pytest.mark.parametrize("suffix", [".csv", ".npz"])
+def test_a_first_time_of_another_clock_is_remarked_on_with_the_next_one(suffix, tmp_path):
+    t, x, y, p = rows_written()
+    t = t + 1_587_452_582_000_000
+    t[0] = 0
+    path = write_table(tmp_path / f"a{suffix}", t, x, y, p)
+    recording = open_recording(path, sensor=SENSOR)
+    start = f"{t[1] // 10**6}.{t[1] % 10**6:06}"
+    assert "event 0 lies 1,587,452,582 s before the next: " in recording.remark
+    assert f"start='{start}'" in recording.remark
+    part = np.concatenate(list(open_recording(path, sensor=SENSOR, start=start)))
+    assert part["t"].tolist() == (t[1:] - t[1]).tolist()
+
+
 @pytest.mark.parametrize("rate", [1_000, 10_000, 300_000])
 @pytest.mark.parametrize("unit", ["s", "us"])
 def test_plausible_times_are_not_doubted(rate, unit, tmp_path):
@@ -548,7 +651,7 @@ def test_one_time_far_ahead_is_the_fault_and_not_all_times_after_it(chunk, tmp_p
 
 
 @pytest.mark.parametrize(
-    ("kind", "words"), [("anew", r"end=0\.1\d+ and"), ("mixed", "sort the ev")]
+    ("kind", "words"), [("anew", r"with end='0\.\d+' and"), ("mixed", "sort the ev")]
 )
 def test_dropping_is_not_advised_where_it_loses_many_events(kind, words, tmp_path):
     t, x, y, p = rows_written()
@@ -560,6 +663,10 @@ def test_dropping_is_not_advised_where_it_loses_many_events(kind, words, tmp_pat
     with pytest.raises(RecordingError, match=rf"entries there are faulty: .*{words}") as raised:
         list(open_recording(path, sensor=SENSOR))
     assert "left out and counted" not in str(raised.value)
+    if kind == "anew":
+        end = str(raised.value).partition("end='")[2].partition("'")[0]
+        rows, _ = rows_of(path, end=end, on_fault="drop")
+        assert [row[0] for row in rows] == (t[:1_000] - t[0]).tolist()
 
 
 @pytest.mark.parametrize("suffix", [".csv", ".npy"])

@@ -48,7 +48,7 @@ class RecordingSummary:
     events: int
     duration_us: int
     events_per_s: float | None  #: None if the recording has no duration.
-    on_share: float  #: Share of ON events.
+    on_share: float | None  #: Share of ON events; None for a table without their polarity.
     #: first_us, last_us: from the start of the recording.
     first_us: int
     last_us: int
@@ -84,7 +84,7 @@ def summarise(recording: Recording) -> RecordingSummary:
         events=n,
         duration_us=duration,
         events_per_s=n * 1e6 / duration if duration else None,
-        on_share=on / n,
+        on_share=None if recording.without_polarity else on / n,
         first_us=first,
         last_us=last,
         start_us=recording.start_us,
@@ -201,7 +201,9 @@ def _show(facts: RecordingSummary, title: str) -> None:
         "events": f"{facts.events:,}",
         "duration": f"{facts.duration_us / 1e6:.6f} s",
         "rate": "-" if rate is None else f"{rate:,.0f} events/s",
-        "polarity": f"{facts.on_share:.1%} ON, {1 - facts.on_share:.1%} OFF",
+        "polarity": "no column of it: all are taken for ON"
+        if facts.on_share is None
+        else f"{facts.on_share:.1%} ON, {1 - facts.on_share:.1%} OFF",
         "times": f"{facts.first_us:,} to {facts.last_us:,} µs from the start",
         "start": f"{facts.start_us:,} µs on the file's clock",
         "faults": str(facts.faults),
