@@ -336,21 +336,23 @@ class FaultLog:
         RecordingError
             At the first faulty event, unless faults are dropped.
         """
+        return self._admit(columns._replace(t=self._continued(columns.t)))
+
+    def _admit(self, columns: Columns, *, last: bool = False) -> Events:
+        """Check events whose clock is continued; the `last` of them are not held back."""
         if self._held is not None:
             columns = Columns(*map(np.concatenate, zip(self._held, columns, strict=True)))
             self._held = None
-        if columns.t.size:
-            before = int(columns.t[-2]) if columns.t.size > 1 else self._raw_us
-            if before is not None and int(columns.t[-1]) - before > _AHEAD_US:
-                self._held = Columns(*(column[-1:].copy() for column in columns))
-                columns = Columns(*(column[:-1] for column in columns))
-        return self._admit(columns)
-
-    def _admit(self, columns: Columns) -> Events:
-        columns = columns._replace(t=self._continued(columns.t))
         t, x, y, p = columns
+        open_end = not last
         if t.size and not self._clean(columns):
-            t, x, y, p = self._sift(columns)
+            (t, x, y, p), ends = self._sift(columns)
+            open_end &= ends
+        before = int(t[-2]) if t.size > 1 else self.last_us
+        if open_end and t.size and before is not None and int(t[-1]) - before > _AHEAD_US:
+            self._held = Columns(*(column[-1:].copy() for column in (t, x, y, p)))
+            t, x, y, p = t[:-1], x[:-1], y[:-1], p[:-1]
+            self.entries -= 1
         self.entries += columns.t.size
         self._good += t.size
         events = np.empty(t.size, EVENT_DTYPE)
@@ -400,7 +402,7 @@ class FaultLog:
             If nearly all entries were faulty: the others are then good by chance.
         """
         none = np.empty(0, np.int64)
-        rest = self._admit(self._held or Columns(none, none, none, none))
+        rest = self._admit(Columns(none, none, none, none), last=True)
         faults = self.faults
         bad = faults.backwards + faults.off_sensor + faults.unreadable
         if self._good and bad > _NEARLY_ALL * (bad + self._good):
@@ -470,7 +472,8 @@ class FaultLog:
             and t[-1] <= TIME_LIMIT_US
         )
 
-    def _sift(self, columns: Columns) -> Columns:
+    def _sift(self, columns: Columns) -> tuple[Columns, bool]:
+        """Return the good events, and whether the last one on the sensor is among them."""
         t, x, y, _ = columns
         width, height = self.sensor
         known = (t >= -TIME_LIMIT_US) & (t <= TIME_LIMIT_US)
@@ -516,7 +519,8 @@ class FaultLog:
         self.faults.unreadable += int(np.count_nonzero(~known))
         self.faults.off_sensor += int(np.count_nonzero(~on & known))
         self.faults.backwards += n_late + len(ahead)
-        return Columns(*(column[good] for column in columns))
+        ends = bool(on.any()) and bool(good[np.flatnonzero(on)[-1]])
+        return Columns(*(column[good] for column in columns)), ends
 
     def _ahead(self, times: npt.NDArray[np.int64], on: npt.NDArray[np.intp]) -> list[int]:
         """Return those of the events `on` that alone lie far ahead of the ones beside them."""

@@ -130,6 +130,24 @@ def test_faulty_events_are_dropped_and_counted_as_plain_python_does_for_any_chun
     assert log.faults.total == len(rows) - len(good)
 
 
+@given(
+    rows=st.lists(st.tuples(st.integers(0, 9), st.integers(0, 4)), min_size=1, max_size=10),
+    chunk=st.integers(1, 10),
+    unit=st.sampled_from([400_000, 600_000, 1 << 29]),
+)
+def test_times_far_ahead_and_wraps_are_judged_alike_for_any_chunking(rows, chunk, unit):
+    times, x = (np.array(column) for column in zip(*rows, strict=True))
+    kept = []
+    for size in (chunk, len(rows)):
+        log = FaultLog(Path("x"), Sensor(4, 5), "drop", origin_us=0)
+        parts = [
+            log.admit(Columns(*(c[i : i + size] for c in (times * unit, x, x, x > 1))))
+            for i in range(0, len(rows), size)
+        ]
+        kept.append((np.concatenate([*parts, log.finish()]).tolist(), log.faults))
+    assert kept[0] == kept[1]
+
+
 @pytest.mark.parametrize(
     ("row", "words"),
     [
