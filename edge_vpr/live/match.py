@@ -43,11 +43,10 @@ class LiveMatch(NamedTuple):
         0 where views resemble the map's, `confidence.OFF_MAP_MISFIT` or more in another place or
         light; -1 for sequences.
     probability : float
-        Probability that the match is correct; NaN if the map has no table of probabilities; 0 where
-        it is given again because it has become too old.
+        Probability that the match is correct; NaN if the map has no table of probabilities; 0 if
+        the match is older than the session's `max_age`.
     lost : bool
-        Whether the match is rejected: below the precision that the settings ask for, or older than
-        the session's `max_age`.
+        Whether the match is rejected: below the precision that the settings ask for, or too old.
     missing : float
         Share of the events of its windows that is known to be lost, 0 to 1; 1 also after a gap of
         unknown size.
@@ -105,6 +104,13 @@ class LiveMatch(NamedTuple):
     def incomplete(self) -> bool:
         """Whether events are missing."""
         return self.missing > 0
+
+
+def at_age(match: LiveMatch, age_s: float, oldest_s: float) -> LiveMatch:
+    """Return a match as it is given at an age: beyond `oldest_s`, it says nothing of now."""
+    if age_s > oldest_s:
+        return match._replace(age_s=age_s, lost=True, probability=0.0)
+    return match._replace(age_s=age_s)
 
 
 def heartbeat(given: int, jumps: int) -> LiveMatch:

@@ -21,7 +21,7 @@ from edge_vpr.files import check_output, work_folder
 from edge_vpr.learning import MapUpdate
 from edge_vpr.live.links import link_opener
 from edge_vpr.live.localiser import LiveLocaliser, LiveResult
-from edge_vpr.live.match import LiveMatch, heartbeat
+from edge_vpr.live.match import LiveMatch, at_age, heartbeat
 from edge_vpr.live.new_map import make_map
 from edge_vpr.live.odometer import OdometerReader
 from edge_vpr.live.position import Locator
@@ -170,8 +170,8 @@ class LiveSession:
     max_lag : str
         Bytes that have waited longer than this for a host that is too slow are dropped.
     max_age : str, optional
-        A match that is older than this when it is given is rejected (`lost`); by default two
-        windows.
+        A match that is older than this when it is given is `lost`, with a `probability` of 0; by
+        default two windows.
     on_message : callable, optional
         Called with each `Message`; by default problems go to the logger ``edge_vpr.live``.
     **changes
@@ -415,8 +415,7 @@ class LiveSession:
     def __iter__(self) -> Iterator[LiveMatch]:
         """Yield matches, and heartbeats if they were asked for, until the link ends.
 
-        When none came until the newest was older than `max_age`, that one is given once more, as
-        `lost` and with a `probability` of 0.
+        When none came until the newest was older than `max_age`, that one is given once more.
 
         A program that takes longer than the matches to come does not fall behind a live camera: of
         matches that were ready at once, those older than half of `max_lag` are left out, but for
@@ -433,8 +432,7 @@ class LiveSession:
                     and self._drop is not False
                 ):
                     continue
-                late = age_s > self._oldest_s(match.time_s - match.start_s)
-                yield match._replace(age_s=age_s, lost=match.lost or late)
+                yield at_age(match, age_s, self._oldest_s(match.time_s - match.start_s))
             if (now := time.monotonic()) - self._beat_s >= self._heartbeat_s:
                 self._beat_s = now
                 yield heartbeat(self._given, self._jumps)
@@ -578,16 +576,14 @@ class LiveSession:
             if not math.isnan(age_s):
                 then_us = int(1e6 * (time.time() - age_s))
             where: dict[str, Any] = locator.locate(at)
-            found.append(
-                LiveMatch(
-                    time_s=row.time_us / 1e6, query=self._given, place=row.place,
-                    distance=row.distance, second=row.second, second_distance=row.second_distance,
-                    ratio=row.ratio, events=row.events, start_s=row.start_us / 1e6,
-                    trust=row.trust, misfit=row.misfit, probability=row.probability,
-                    lost=row.lost or age_s > self._newest_max_age_s,
-                    missing=missing, age_s=age_s, host_us=then_us, jumps=jumps, **where,
-                )
+            match = LiveMatch(
+                time_s=row.time_us / 1e6, query=self._given, place=row.place,
+                distance=row.distance, second=row.second, second_distance=row.second_distance,
+                ratio=row.ratio, events=row.events, start_s=row.start_us / 1e6,
+                trust=row.trust, misfit=row.misfit, probability=row.probability, lost=row.lost,
+                missing=missing, age_s=age_s, host_us=then_us, jumps=jumps, **where,
             )  # fmt: skip
+            found.append(at_age(match, age_s, self._newest_max_age_s))
             self._given, self._jumps = self._given + 1, jumps
         self._newest = found[-1]
         return tuple(found)
@@ -602,7 +598,7 @@ class LiveSession:
         if not self._lag.age_s(held_us, now_s) > self._newest_max_age_s:
             return ()
         age_s = self._lag.age_s(int(1e6 * newest.time_s), now_s)
-        self._newest = newest._replace(lost=True, probability=0.0, age_s=age_s)
+        self._newest = at_age(newest, age_s, self._newest_max_age_s)
         return (self._newest,)
 
     def _look(self, step: LiveStep) -> None:

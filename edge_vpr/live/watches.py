@@ -108,6 +108,7 @@ class LagWatch:
         self._health, self._limit_us, self._say, self._live = health, limit_us, say, live
         self._behind = False
         self._newest_us, self._restarts = 0, -1
+        self._stalls = 0  # until events were last matched in time
         self._since_s = 0.0
         # smallest differences of the clocks, of this stretch of time and of the one before
         self._least_us = self._before_us = math.inf
@@ -131,14 +132,15 @@ class LagWatch:
         health.longest_lag_us = max(health.longest_lag_us, lag_us)
         if not self._behind and lag_us > self._limit_us:
             self._behind = True
-            self._say(
-                "lag",
-                f"events are matched {lag_us / 1e6:.1f} s late: the line stood still, or is slower "
-                "than the camera, or this machine is busy with something else",
-            )
-        elif self._behind and lag_us < self._limit_us / 2:
-            self._behind = False
-            self._say("lag", "events are matched in time again", over=True)
+            why = "the line stood still"
+            if health.stalls == self._stalls:
+                why += ", or is slower than the camera, or this machine is busy with something else"
+            self._say("lag", f"events are matched {lag_us / 1e6:.1f} s late: {why}")
+        elif lag_us < self._limit_us / 2:
+            self._stalls = health.stalls
+            if self._behind:
+                self._behind = False
+                self._say("lag", "events are matched in time again", over=True)
 
     def age_s(self, time_us: int, now_s: float) -> float:
         """Return how long ago something happened by the camera's clock; NaN if it is not known."""

@@ -242,8 +242,10 @@ def test_a_reader_of_lines_learns_that_the_camera_is_silent(drive, tmp_path):
     assert main([str(word) for word in words]) == 0
     thread.join(timeout=5)
     rows = rows_of(log, "match")
-    (last,) = (i for i, row in enumerate(rows) if row["probability"] == 0)
+    (last,) = (i for i in range(1, len(rows)) if rows[i]["time_s"] == rows[i - 1]["time_s"])
     assert rows[last]["lost"]
+    # and those that come late after it are not taken for sure by who looks at nothing else
+    assert all(row["lost"] == (row["age_s"] > 0.5) == (row["probability"] == 0) for row in rows)
     assert rows[last]["age_s"] > 0.5
     assert rows[last]["time_s"] == rows[last - 1]["time_s"] == pytest.approx(1.2, abs=0.1)
     assert not rows[last - 1]["lost"] and not rows[-1]["lost"]
@@ -848,7 +850,22 @@ def test_the_bridge_says_how_it_is_read(drive, capsys):
         words = ["bridge", drive / "query.npz", "--protocol", protocol, "--speed", "0"]
         assert main([*map(str, words), "--port", "udp://127.0.0.1:9"]) == 0
         told = capsys.readouterr().out
-        assert f"edge-vpr stream --port udp://127.0.0.1:9 --protocol {host} --sensor 64x48" in told
+        said = f"edge-vpr stream --port udp://127.0.0.1:9 --protocol {host} --sensor 64x48 --map "
+        assert said in told
+
+
+def test_a_bridge_that_is_stopped_twice_has_no_file_to_speak_of(drive, monkeypatch, capsys):
+    """As by `timeout`, which signals the command and its group."""
+
+    def run(bridge, recording):
+        for _ in range(2):
+            signal.raise_signal(signal.SIGTERM)
+
+    monkeypatch.setattr(Bridge, "run", run)
+    assert main(["bridge", str(drive / "query.npz")]) == 0
+    shown = capsys.readouterr()
+    assert shown.out.splitlines()[-1] == "sent 0 events in 0 bytes"
+    assert shown.err == ""
 
 
 @pytest.mark.slow
@@ -953,7 +970,8 @@ def test_a_line_of_status_comes_in_time_and_at_each_change(sent, capsys, monkeyp
     """A journal gets a line a minute; that the link or the place is lost waits for none."""
     monkeypatch.setattr(live_view, "_LINE_S", 0.0)
     live = LiveLocaliser(open_decoder("evpr", SENSOR), reference, MatchSchedule(events=1))
-    view = live_view.View(False, None, reference, None, line_s=60.0)
+    log = io.StringIO()
+    view = live_view.View(False, log, reference, None, line_s=60.0)
     health = live.decoder.health
 
     def lines_after(lost_link="", data=b""):
@@ -967,9 +985,14 @@ def test_a_line_of_status_comes_in_time_and_at_each_change(sent, capsys, monkeyp
     (line,) = lines_after(data=sent.read_bytes())
     assert "place " in line
     assert lines_after() == []
+    assert json.loads(log.getvalue().splitlines()[-1])["accounting"] == "exact"
+    health.cut_off = True
     (line,) = lines_after("the cable is gone")
     assert "link lost" in line
-    assert "place " not in line
+    assert "lost, last at place " in line
+    # nobody counts what is sent now
+    assert json.loads(log.getvalue().splitlines()[-1])["accounting"] == "unknown"
+    health.cut_off = False
     assert len(lines_after()) == 1
 
 

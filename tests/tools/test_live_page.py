@@ -103,10 +103,22 @@ def test_it_says_when_the_place_the_camera_or_the_run_is_lost(browser, server):
     browser.wait_for("document.getElementById('how').textContent.startsWith('this match is')")
     send(server, {**HEALTH, "silent_s": 4.0})
     browser.wait_for(f"{where} == 'the camera is silent for 4 s'")
+    assert text(browser, "how") == "last seen at 36.0 m of 177 m"
     send(server, {**HEALTH, "lost_link": "port: gone"})
     browser.wait_for(f"{where} == 'the camera is not connected'")
+    assert text(browser, "how") == "port: gone; last seen at 36.0 m of 177 m"
     send(server, {"kind": "summary"})
     browser.wait_for(f"{where} == 'edge-vpr has ended'")
+    assert text(browser, "age") == "\u2013"
+
+
+def test_a_page_that_is_opened_in_a_silence_shows_the_last_place_and_its_age(browser, server):
+    send(server, ROUTE, match(10, lost=True, probability=0.0, age_s=7.0))
+    show(browser, server)
+    send(server, {**HEALTH, "silent_s": 6.0})
+    browser.wait_for("document.getElementById('how').textContent == 'last seen at 30.0 m of 177 m'")
+    assert float(text(browser, "age").removesuffix(" s")) >= 7.0
+    assert browser.value("document.querySelector('.robot').classList.contains('old')")
 
 
 def test_it_says_when_the_connection_is_lost(browser):

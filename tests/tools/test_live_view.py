@@ -124,8 +124,9 @@ def test_a_terminal_shows_the_place_its_age_and_every_notice_at_any_size(map_fil
     port.unlink()
     shown = run.wait_for(lambda text: "trying again" in text and "the link is lost for" in text)
     assert run.colour_of("trying again") == "brown"
-    # neither a place of before nor that all is well
-    assert not any("of 29 (" in line or "no faults" in line for line in shown)
+    assert any("lost, last at place " in line and "of 29 (" in line for line in shown)
+    assert run.colour_of("of 29 (") == "brightblack"
+    assert not any("no faults" in line for line in shown)
     code, left = run.end(signal.SIGTERM)
     assert code == 1  # a file was given up
     for said in (

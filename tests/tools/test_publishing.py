@@ -32,6 +32,7 @@ from edge_vpr.events import Sensor
 from edge_vpr.live.links import LinkError
 from edge_vpr.live.match import LiveMatch
 from edge_vpr.live.protocols import open_encoder
+from edge_vpr.live.session import LiveSession
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.route import Route
 from edge_vpr.settings import Settings
@@ -153,6 +154,25 @@ def test_readers_get_the_rows_that_json_prints(drive, capsys, monkeypatch):
     assert len(matches) > 5
     assert before <= matches[0]["host_us"] / 1e6 <= time.time()
     assert abs(matches[-1]["along_m"] - matches[-1]["place"] * 2.5) < 3 * 2.5
+
+
+def test_a_watchdog_is_told_that_kernels_are_compiled(drive, monkeypatch):
+    servers, said, enter, warm_up = [], [], MatchServer.__enter__, LiveSession.warm_up
+    text = "compiling kernels: matching (1 of 1), match"
+
+    def begin(server):
+        servers.append(server)
+        return enter(server)
+
+    def compile_(session, show=lambda text: None):
+        show(text)
+        said.append(servers[0].health())
+        warm_up(session, show)
+
+    monkeypatch.setattr(MatchServer, "__enter__", begin)
+    monkeypatch.setattr(LiveSession, "warm_up", compile_)
+    assert main(stream(drive, "--http", "0")) == 0
+    assert said[0] == {"ok": True, "why": text, "health": None, "match": None}
 
 
 def test_who_comes_later_gets_the_route_and_no_match_of_before():
@@ -296,7 +316,7 @@ def test_health_is_for_a_watchdog(monkeypatch):
             assert found["ok"] is (status == 200)
             return status, found["why"], found["match"]
 
-        assert asked_health() == (503, "edge-vpr has only just begun", None)
+        assert asked_health() == (200, "edge-vpr has only just begun", None)
         server.send("health", json.dumps(HEALTH))
         assert asked_health() == (200, "", None)
         server.send("match", json.dumps({"kind": "match", "place": 7, "age_s": 100.0}))
@@ -306,6 +326,7 @@ def test_health_is_for_a_watchdog(monkeypatch):
             server.send("health", json.dumps({**HEALTH, "max_age_s": most}))
             server.send("match", json.dumps({"kind": "match", "lost": False, "age_s": 100.0}))
             assert asked_health()[2]["lost"] is lost
+            assert asked_health()[2].get("probability") == (0 if lost else None)
         server.send("health", json.dumps({**HEALTH, "silent_s": 3.2}))
         assert asked_health()[:2] == (503, "nothing came for 3 s")
         server.send("health", json.dumps({**HEALTH, "lost_link": "port: gone"}))

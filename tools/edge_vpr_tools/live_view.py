@@ -26,6 +26,7 @@ from edge_vpr.confidence import OFF_MAP_MISFIT, OFF_MAP_TEXT
 from edge_vpr.errors import printable
 from edge_vpr.live.match import LiveMatch
 from edge_vpr.live.position import Locator
+from edge_vpr.live.protocols.health import UNKNOWN
 from edge_vpr.live.recorder import ends_early
 from edge_vpr.live.session import LiveStatus, LiveStep
 from edge_vpr.live.watches import SILENT_S
@@ -315,7 +316,7 @@ class View:
         if since < (_LINE_S if self._panel is None else _REFRESH_S):
             return
         health, filled = status.health, status.filled
-        silent = health.silent_s > SILENT_S
+        silent = bool(status.lost_link) or health.silent_s > SILENT_S
         self._rate = (health.events - self._events_then) / since
         self._events_then, self._shown = health.events, now
         if now - self._logged >= _LINE_S:
@@ -374,6 +375,7 @@ class View:
         return {
             "kind": "health",
             **asdict(status.health),
+            **({"accounting": UNKNOWN} if status.health.cut_off else {}),
             "faults": status.health.faults,
             "dead_s": status.dead_s,
             "max_age_s": status.max_age_s if math.isfinite(status.max_age_s) else None,
@@ -391,13 +393,10 @@ class View:
         if health.silent_s > SILENT_S:
             texts["silent"] = f"nothing came for {health.silent_s:.0f} s"
         if status.lost_link:
-            # an earlier place would be mistaken for the current one
             texts["silent"] = f"the link is lost for {health.silent_s:.0f} s"
-            texts["health"] = "link lost" if str(health) == "no faults" else f"link lost, {health}"
-            return texts
         if (newest := self._newest) is not None:
             # an age that is not known is NaN, and comes last
-            gone = max(health.silent_s, newest.age_s) > status.max_age_s
+            gone = bool(status.lost_link) or (max(health.silent_s, newest.age_s) > status.max_age_s)
             texts["place"] = ("lost, last at " if gone else "lost, at best " * newest.lost) + (
                 f"place {newest.place} of {self._places}"
                 f" ({100 * self._position(filled):.0f} % of the route)"
@@ -409,6 +408,9 @@ class View:
                 texts["certainty"] = ", ".join(certainty)
         elif self._places:
             texts["place"] = f"waiting for the first match: {100 * filled:.0f} %"
+        if status.lost_link:
+            texts["health"] = "link lost" if str(health) == "no faults" else f"link lost, {health}"
+            return texts
         if health.events:
             texts["latency"] = f"{1e3 * self._lag_s:.1f} ms from byte to {self._goal}"
             if health.lag_us >= _LAG_US:

@@ -105,8 +105,8 @@ class MatchServer(ThreadingHTTPServer):
 
     ``/`` is a page, ``/events`` sends each row as a server-sent event from the moment of the
     connection, and before them the ``route`` row; ``/health`` is the newest health and match, with
-    status 503 if the camera or `stream` itself is silent. A slow reader loses its oldest rows, and
-    gets a row ``{"kind": "left_out", "lines": n}`` in their place.
+    status 503 if the camera or `stream` itself is silent once the run has begun. A slow reader
+    loses its oldest rows, and gets a row ``{"kind": "left_out", "lines": n}`` in their place.
 
     Parameters
     ----------
@@ -137,6 +137,7 @@ class MatchServer(ThreadingHTTPServer):
         self._readers: set[_Reader] = set()
         self._connections: set[socket.socket] = set()
         self._closing = False
+        self.stage = ""  #: What is compiled before the run begins.
         self._thread = threading.Thread(target=self.serve_forever, name="http", daemon=True)
 
     def __enter__(self) -> Self:
@@ -208,7 +209,7 @@ class MatchServer(ThreadingHTTPServer):
             yield rows
 
     def health(self) -> dict[str, Any]:
-        """Return the newest health and match, whether all is well, and else why not."""
+        """Return the newest health and match, whether to go on, and what is wrong."""
         with self._changed:
             health, match = (self._newest.get(kind) for kind in ("health", "match"))
         now = time.monotonic()
@@ -216,7 +217,7 @@ class MatchServer(ThreadingHTTPServer):
         since_s = 0.0 if health is None else now - health.at_s
         why = ""
         if health is None:
-            why = "edge-vpr has only just begun"
+            why = self.stage or "edge-vpr has only just begun"
         elif since_s > STUCK_S:
             why = f"edge-vpr stands still for {since_s:.0f} s"
         elif found["lost_link"]:
@@ -228,8 +229,10 @@ class MatchServer(ThreadingHTTPServer):
             newest = json.loads(match.line)
             newest["age_s"] = (newest.get("age_s") or 0.0) + now - match.at_s
             if newest["age_s"] > (found.get("max_age_s") or math.inf):
-                newest["lost"] = True
-        return {"ok": not why, "why": why, "health": found or None, "match": newest}
+                newest["lost"], newest["probability"] = True, 0.0
+        # to restart what still compiles would only begin it again
+        ok = health is None or not why
+        return {"ok": ok, "why": why, "health": found or None, "match": newest}
 
     # connections
 

@@ -85,7 +85,8 @@ class Health:
     longest_lag_us: int = _no_fault()
     silent_s: float = _no_fault(0.0)  #: Seconds since the newest bytes.
     #: Whether the link is disconnected and has not returned, such as that of a camera which has
-    #: come back under another name. What is sent meanwhile is in no count.
+    #: come back under another name. What is sent meanwhile is in no count: `accounting` and `lost`
+    #: are of what came before.
     cut_off: bool = _no_fault(False)
 
     @property
@@ -123,7 +124,7 @@ class Health:
 
     def describe_losses(self) -> str:
         """Return the number of lost events as text, how exactly it is known, and those rejected."""
-        until = "; what was sent after the link was lost is not known" if self.cut_off else ""
+        until = "; what was sent after that is not known" if self.cut_off else ""
         came = [
             f"{count:,} {name.replace('_', ' ')}"
             for name in _REJECTED
@@ -134,21 +135,22 @@ class Health:
 
     def _known_losses(self) -> str:
         dropped = f", {self.device_dropped:,} dropped by the device" if self.device_dropped else ""
-        restarts = "at least " if self.device_resets or self.cut_off else ""
+        restarts = "at least " if self.device_resets else ""
+        before = " before the link was lost" if self.cut_off else ""
         whole = self.frames if self.accounting == EXACT else self.decoded_bytes
         if self.accounting in (EXACT, BOUND) and not whole and self.skipped_bytes:
             return "no frame came whole, so that nothing is known of the events lost"
         if self.accounting == EXACT:
-            return f"{restarts}{self.lost:,} events lost on the way{dropped}"
+            return f"{restarts}{self.lost:,} events lost on the way{before}{dropped}"
         if self.accounting == BOUND:
             most = f" to {self.lost_at_most:,}" if self.lost_at_most > self.lost else ""
             return (
-                f"{self.lost:,}{most} events lost on the way; what the device dropped before is "
+                f"{self.lost:,}{most} events lost on the way{before}; what the device dropped is "
                 "unknown to this protocol"
             )
         return (
-            f"{self.skipped_bytes + self.overrun_bytes:,} bytes lost or unreadable; events lost "
-            "before they arrived are unknown to this protocol"
+            f"{self.skipped_bytes + self.overrun_bytes:,} bytes lost or unreadable{before}; events "
+            "lost before they arrived are unknown to this protocol"
         )
 
 

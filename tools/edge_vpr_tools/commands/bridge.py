@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import math
+from contextlib import suppress
 
 from edge_vpr.errors import UsageError, printable
 from edge_vpr_tools.console import stopped_by_signals
@@ -69,8 +70,10 @@ def run(args: argparse.Namespace) -> None:
         host = args.protocol if encoder.host_needs_options else args.protocol.partition(":")[0]
         address = printable(link.address)
         print(f"{address} waits for a host: edge-vpr stream --port {address} "
-              f"--protocol {printable(host)} --sensor {recording.sensor}", flush=True)  # fmt: skip
-        with stopped_by_signals(bridge.stopping):
+              f"--protocol {printable(host)} --sensor {recording.sensor} --map MAP.npz "
+              "(to make one: --learn -o MAP.npz)", flush=True)  # fmt: skip
+        # no file waits for an orderly end, so that a second signal is as good as the first
+        with stopped_by_signals(bridge.stopping), suppress(KeyboardInterrupt):
             bridge.run(recording)
     finally:
         link.close()

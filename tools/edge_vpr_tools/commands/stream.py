@@ -263,7 +263,14 @@ def _show(args: argparse.Namespace, session: LiveSession) -> None:
             if args.http is not None:
                 server = stack.enter_context(MatchServer(args.http))
             with status("kernels") as shown:
-                session.warm_up(shown)
+
+                def show(text: str) -> None:
+                    shown(text)
+                    if server is not None:
+                        server.stage = text
+
+                session.warm_up(show)
+                show("")
             session.open()
             # opened last, so that a missing camera does not overwrite the run before
             view = stack.enter_context(
