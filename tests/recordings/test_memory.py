@@ -1,5 +1,6 @@
 """Events in memory are recordings: each form of them gives the map that their file gives."""
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -92,7 +93,8 @@ def test_each_form_of_events_in_memory_gives_the_map_and_the_match_of_its_file(
     expected = ReferenceMap.build(tmp_path / "drive.npz", pixels=20)
     held = FORMS[form](events)
     made = ReferenceMap.build(held, sensor=(32, 32), pixels=20)
-    assert made == expected
+    # events that count from 1970 say when they began
+    assert replace(made, clock_us=0) == expected
     # the map knows the sensor of its camera
     np.testing.assert_array_equal(
         made.match(held).matches.place, expected.match(tmp_path / "drive.npz").matches.place
