@@ -344,7 +344,7 @@ SENTENCES: list[tuple[str, str, Callable[[], object]]] = [
               *trust("precision by tolerance", "Brisbane*")]),
     ("README", "a second of the route takes {} bytes, packed", lambda: 2 * int(place_bytes())),
     ("README", "a route of 500 s takes {:.0f} KiB, of which {:.0f} KiB are RAM and the rest flash, "
-     "and a match, {:.0f} ms and {:.1f} mJ at 100,000 events per second (modelled)",
+     "and a match takes {:.0f} ms and {:.1f} mJ at 100,000 events per second (modelled)",
      lambda: (modelled("memory (KiB)")[0], modelled("of it RAM (KiB)")[0],
               modelled("time (ms)")[1], 1e3 / modelled("matches per joule")[1])),
     ("README", "the paper's released code reaches {:.2f}, and ours {:.2f}.",
