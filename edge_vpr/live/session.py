@@ -8,6 +8,7 @@ import math
 import os
 import threading
 import time
+from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from types import TracebackType
@@ -48,6 +49,11 @@ from edge_vpr.warm_up import warm_up
 PROGRESS_S = 2.0
 #: Largest number of pieces of bytes that one `LiveSession.poll` matches.
 _MOST_PIECES = 16
+
+#: Readings of the odometer wait for events that are older than they are by more.
+_APART_S = 0.05
+#: Most readings that wait, the newest ones.
+_MOST_SHOWN = 4_096
 
 _LOG = logging.getLogger("edge_vpr.live")
 
@@ -268,6 +274,8 @@ class LiveSession:
         self.removed = Removed()
         self._warm = self._opened = self._closed = self._raised = False
         self._given = self._jumps = self._heard_us = 0
+        # readings of the odometer that wait, and when each came
+        self._shown: deque[tuple[float, int]] = deque(maxlen=_MOST_SHOWN)
         self._newest: LiveMatch | None = None
         self._readings: dict[int, int] = {}
         self._fresh: list[tuple[int, float]] = []
@@ -606,10 +614,24 @@ class LiveSession:
         reader, decoder = self._reader, self.decoder
         if step.result is not None and self._state_file is not None:
             self._state_file.keep(self._live, self._heard_us)
-        if self._odometer is not None and (shown_mm := self._odometer.look()) is not None:
-            self._read_odometer(shown_mm)
+        self._look_at_odometer(time.monotonic())
         self._line.look(nothing_came=step.result is None)
         reader.send(decoder.to_send(time.monotonic()))
+
+    def _look_at_odometer(self, now_s: float) -> None:
+        """Give each reading to the filter as soon as the camera's events are of its time.
+
+        Where the line stands still, the events of the way come later than the readings, which would
+        move the robot twice: at once, and again with the events.
+        """
+        if self._odometer is not None and (shown_mm := self._odometer.look()) is not None:
+            self._shown.append((now_s, shown_mm))
+        while self._shown:
+            at_s, shown_mm = self._shown[0]
+            if self._lag.age_s(self.decoder.reached_us, at_s) > _APART_S:
+                return  # an age that is not known is NaN
+            self._shown.popleft()
+            self._read_odometer(shown_mm)
 
     def _read_odometer(self, shown_mm: int) -> None:
         """Give a reading to the filter, and report an odometer that cannot be right."""

@@ -6,6 +6,7 @@ import contextlib
 import json
 import socket
 import threading
+import time
 from dataclasses import replace
 from itertools import pairwise
 
@@ -18,7 +19,7 @@ from edge_vpr.descriptors.counting import cleaned
 from edge_vpr.errors import UsageError
 from edge_vpr.evaluation.tables import load_odometry
 from edge_vpr.events import Sensor
-from edge_vpr.live.bridge import Bridge, open_device_link
+from edge_vpr.live.bridge import Bridge, LineFaults, open_device_link
 from edge_vpr.live.odometer import OdometerLine
 from edge_vpr.live.protocols import open_encoder
 from edge_vpr.live.session import LiveSession
@@ -175,14 +176,36 @@ def test_a_run_with_an_odometer_is_the_offline_one_with_the_readings_of_its_log(
     assert found != offline(None)
 
 
-def played(drive, shown_m=lambda time_s: 1_000 + 5 * time_s, query="query.npz", speed=1.0):
+def test_what_is_driven_while_the_line_stands_still_is_read_with_the_events_of_the_way(
+    drive, tmp_path
+):
+    """The events are kept and come late; the odometer goes on."""
+    faults = LineFaults(stall=1.5, stall_at=1.0)
+    port, odometer, end = played(drive, lambda _: 5 * time.monotonic(), faults=faults)
+    log = tmp_path / "run.jsonl"
+    words = ["stream", "--port", port, "--protocol", "evpr", "--once", "--odometry", odometer]
+    try:
+        assert main([*words, "--map", str(drive / "map.npz"), "--log", str(log)]) == 0
+    finally:
+        end()
+    rows = [json.loads(row) for row in log.read_text().splitlines()]
+    read = [(row["time_s"], row["distance_m"]) for row in rows if row["kind"] == "odometry"]
+    moments = {time_s: [m for t, m in read if t == time_s] for time_s, _ in read}
+    # the robot drives 7.5 m meanwhile; a machine that is busy is late by some of it
+    assert max(max(metres) - min(metres) for metres in moments.values()) < 4
+    assert len(moments) > 30
+
+
+def played(
+    drive, shown_m=lambda time_s: 1_000 + 5 * time_s, query="query.npz", speed=1.0, faults=None
+):
     """A camera on a TCP port that sends the query, an odometer, and their end.
 
     The odometer shows `shown_m` of the time of the newest event that was sent.
     """
     events = np.concatenate(list(open_recording(drive / query)))
     link = open_device_link("tcp://127.0.0.1:0")
-    bridge = Bridge(link, open_encoder("evpr", SENSOR), speed=speed)
+    bridge = Bridge(link, open_encoder("evpr", SENSOR), speed=speed, faults=faults)
     odometer = TalkingOdometer(
         lambda: shown_m(1e-6 * int(events["t"][max(bridge.sent_events - 1, 0)]))
     )
