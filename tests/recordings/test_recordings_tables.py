@@ -20,6 +20,24 @@ ROWS = [(1000, 3, 4, True), (1250, 63, 47, False), (2_000_000, 0, 0, True)]
 EXPECTED = [(0, 3, 4, True), (250, 63, 47, False), (1_999_000, 0, 0, True)]
 
 
+def write_fields(path, rows):
+    """Write a structured array of whole numbers as the table that the suffix says."""
+    if path.suffix == ".csv":
+        np.savetxt(path, rows, "%d", delimiter=",", header=",".join(rows.dtype.names), comments="")
+    elif path.suffix == ".npy":
+        np.save(path, rows)
+    elif path.suffix == ".npz":
+        np.savez(path, events=rows)
+    elif path.suffix == ".h5":
+        with pytest.importorskip("h5py").File(path, "w") as file:
+            file["events"] = rows
+    else:
+        pyarrow = pytest.importorskip("pyarrow")
+        table = pyarrow.table({name: rows[name] for name in rows.dtype.names})
+        pytest.importorskip("pyarrow.parquet").write_table(table, path)
+    return path
+
+
 def rows_of(path, **options):
     recording = open_recording(path, **({"sensor": SENSOR} | options))
     return np.concatenate(list(recording)).tolist(), recording
@@ -274,15 +292,7 @@ def test_without_a_polarity_all_events_are_on(tmp_path):
 def test_a_column_that_may_be_the_polarity_is_named(suffix, tmp_path):
     t, x, y, p = rows_written(50)
     rows = np.rec.fromarrays([p, t, y, x], names="feature,timestamp,y,x")
-    path = tmp_path / f"a{suffix}"
-    if suffix == ".csv":
-        np.savetxt(path, rows, "%d", delimiter=",", header=",".join(rows.dtype.names), comments="")
-    elif suffix == ".npy":
-        np.save(path, np.array(rows))
-    else:
-        pyarrow = pytest.importorskip("pyarrow")
-        table = pyarrow.table({name: rows[name] for name in rows.dtype.names})
-        pytest.importorskip("pyarrow.parquet").write_table(table, path)
+    path = write_fields(tmp_path / f"a{suffix}", np.array(rows))
     with pytest.warns(EdgeVprWarning, match="if feature holds it, rename it p"):
         rows_of(path)
     read, recording = rows_of(path, columns="ptyx")
@@ -700,18 +710,7 @@ def test_columns_name_the_foreign_fields_of_a_table(suffix, tmp_path):
     rows = np.empty(t.size, [(name, "i8") for name in ("spalte", "zeile", "zeit", "serie", "vz")])
     for name, column in zip(rows.dtype.names, (x, y, t, t * 0, p), strict=True):
         rows[name] = column
-    path = tmp_path / f"a{suffix}"
-    if suffix == ".npy":
-        np.save(path, rows)
-    elif suffix == ".npz":
-        np.savez(path, events=rows)
-    elif suffix == ".h5":
-        with pytest.importorskip("h5py").File(path, "w") as file:
-            file["events"] = rows
-    else:
-        pyarrow = pytest.importorskip("pyarrow")
-        table = pyarrow.table({name: rows[name] for name in rows.dtype.names})
-        pytest.importorskip("pyarrow.parquet").write_table(table, path)
+    path = write_fields(tmp_path / f"a{suffix}", rows)
     with pytest.raises(RecordingError, match="columns="):
         rows_of(path)
     found, _ = rows_of(path, columns="xyt-p")
