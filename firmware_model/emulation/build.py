@@ -1,6 +1,7 @@
-"""Compile the reference firmware for this computer and for microcontrollers with Zig.
+"""Compile the reference firmware for this computer and for microcontrollers.
 
-Zig comes as a Python package (extra ``firmware``), with everything that it needs for all targets.
+With Zig, which comes as a Python package (extra ``firmware``) and has everything that it needs for
+all targets; for a Cortex-M4 also with the GCC that ``examples/firmware-m4`` is built with.
 """
 
 from __future__ import annotations
@@ -12,6 +13,7 @@ import subprocess
 import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
+from importlib.metadata import version
 from pathlib import Path
 
 from firmware_model.errors import ToolError
@@ -29,7 +31,7 @@ class Target:
     Attributes
     ----------
     triple, cpu : str
-        As Zig names them; empty for this computer.
+        As Zig names them; empty for this computer. Of `GCC`, the prefix of its programs.
     sad : str
         How the distance is computed there.
     """
@@ -49,6 +51,10 @@ EMULATED = (
     Target("cortex-a72", "aarch64-freestanding", "cortex_a72", "NEON"),
     Target("cortex-a76", "aarch64-freestanding", "cortex_a76", "NEON"),
 )
+#: compiled by arm-none-eabi-gcc
+GCC = Target("cortex-m4-gcc", "arm-none-eabi", "cortex_m4", "usada8")
+#: those whose instructions the tables have
+COUNTED = (*EMULATED, GCC)
 
 
 def build(
@@ -83,39 +89,60 @@ def build(
     Raises
     ------
     ToolError
-        If Zig is not installed, or refuses the code; its message is part of the error.
+        If the compiler is not installed, or refuses the code; its message is part of the error.
     """
-    if importlib.util.find_spec("ziglang") is None:
-        raise ToolError(
-            "compiling the firmware needs the library ziglang, which is not installed: run pip "
-            "install 'edge-vpr[firmware]'"
-        )
+    command = _compiler(target)
     folder = Path(folder)
     folder.mkdir(parents=True, exist_ok=True)
     out = folder / f"{name}-{target.name}.elf"
     if target.triple:
         freestanding = ["-ffreestanding", "-fno-builtin", "-nostdlib", "-Wl,--no-gc-sections"]
-        chosen = ["-target", target.triple, f"-mcpu={target.cpu}", *freestanding]
-        chosen.append("-Wl,--entry,0")  # no entry point: functions are called by address
+        chosen = [*freestanding, "-Wl,--entry,0"]  # functions are called by address
+        if target == GCC:
+            chosen += [f"-mcpu={target.cpu.replace('_', '-')}", "-mthumb"]
+        else:
+            chosen += ["-target", target.triple, f"-mcpu={target.cpu}"]
     else:
         chosen, files = [], [*files, program]
-    command = [
-        sys.executable,
-        "-m",
-        "ziglang",
-        "cc",
-        "-std=c11",
-        *OPTIMISATION,
-        *WARNINGS,
-        *chosen,
-        *options,
-    ]
+    command += ["-std=c11", *OPTIMISATION, *WARNINGS, *chosen, *options]
     command += [str(sources / file) for file in files] + ["-o", str(out)]
+    command += ["-lgcc"] * (target == GCC)
     environment = {"ZIG_LOCAL_CACHE_DIR": str(folder / "zig")} | os.environ
     done = subprocess.run(command, capture_output=True, text=True, env=environment, check=False)
     if done.returncode:
         raise ToolError(f"the firmware does not compile for {target.name}: {done.stderr.strip()}")
     return out
+
+
+def compiler(target: Target) -> str:
+    """Name the compiler of a target, its version and its optimisation.
+
+    Raises
+    ------
+    ToolError
+        If it is not installed.
+    """
+    command = _compiler(target)
+    if target == GCC:
+        told = subprocess.run([*command, "-dumpfullversion"], capture_output=True, check=True)
+        name = f"{command[0]} {told.stdout.decode('ascii').strip()}"
+    else:
+        name = f"ziglang {version('ziglang')}"
+    return " ".join((name, *OPTIMISATION))
+
+
+def _compiler(target: Target) -> list[str]:
+    if target == GCC:
+        program = f"{GCC.triple}-gcc"
+        if shutil.which(program) is None:
+            raise ToolError(f"{program} is not installed: apt install gcc-arm-none-eabi")
+        return [program]
+    if importlib.util.find_spec("ziglang") is None:
+        raise ToolError(
+            "compiling the firmware needs the library ziglang, which is not installed: run pip "
+            "install 'edge-vpr[firmware]'"
+        )
+    return [sys.executable, "-m", "ziglang", "cc"]
 
 
 def build_sanitized(folder: str | Path, files: Sequence[str], name: str) -> Path:

@@ -19,14 +19,19 @@ from firmware_model.errors import ToolError
 #
 # Unicorn's binding to Python calls a Python function for each instruction, at 10 us each. The same
 # few operations as machine code take 30 ns.
+#
+# Unicorn does not call it for an instruction of a Thumb-2 IT block whose condition is false, though
+# a Cortex-M issues that one too and a debugger steps over it. So the callback counts a block, of
+# one to four instructions, at its IT, and none until the block's end; only the last one may jump.
 
 
 # of the array that callback and counter share
-_INSTRUCTIONS, _LOWEST, _POINTER, _REGISTER = range(4)
+_INSTRUCTIONS, _LOWEST, _POINTER, _REGISTER, _THUMB, _BLOCK, _BLOCK_END, _READ, _SHARED = range(9)
+_32_BITS = 0b11101 << 11  # of a halfword: the least that begins an instruction of 32 bits
 
 
 class InstructionCounter:
-    """Instructions that a processor executes, and how far its stack grows.
+    """Instructions that a processor issues, and how far its stack grows.
 
     The callback stays for good: code that was translated without it would not be counted.
 
@@ -34,6 +39,8 @@ class InstructionCounter:
     ----------
     stack_pointer : int
         Unicorn's number of the register.
+    thumb : bool
+        It executes Thumb, which has IT blocks.
 
     Raises
     ------
@@ -41,12 +48,13 @@ class InstructionCounter:
         If Unicorn does not take the callback.
     """
 
-    def __init__(self, uc: Any, stack_pointer: int) -> None:
+    def __init__(self, uc: Any, stack_pointer: int, thumb: bool) -> None:
         from unicorn import UC_HOOK_CODE
         from unicorn.unicorn_py3.unicorn import uclib
 
-        self._shared = np.zeros(4, np.int64)
+        self._shared = np.zeros(_SHARED, np.int64)
         self._shared[_REGISTER] = stack_pointer
+        self._shared[_THUMB] = thumb
         uc.ctl_flush_tb()
         handle = ctypes.c_size_t()
         # the binding's hook_add takes Python functions alone
@@ -66,10 +74,11 @@ class InstructionCounter:
         """Count from zero, and from this address of the stack downwards."""
         self._shared[_INSTRUCTIONS] = 0
         self._shared[_LOWEST] = stack_pointer
+        self._shared[_BLOCK_END] = 0
 
     @property
     def instructions(self) -> int:
-        """Executed since `restart`."""
+        """Issued since `restart`, with those whose condition was false."""
         return int(self._shared[_INSTRUCTIONS])
 
     @property
@@ -84,12 +93,31 @@ def _callback() -> Any:
 
     prototype = ctypes.CFUNCTYPE(ctypes.c_int, ctypes.c_void_p, ctypes.c_int, ctypes.c_void_p)
     read = prototype(ctypes.cast(uclib.uc_reg_read, ctypes.c_void_p).value or 0)
+    memory = ctypes.CFUNCTYPE(
+        ctypes.c_int, ctypes.c_void_p, ctypes.c_uint64, ctypes.c_void_p, ctypes.c_size_t
+    )
+    fetch = memory(ctypes.cast(uclib.uc_mem_read, ctypes.c_void_p).value or 0)
     counts = types.CPointer(types.int64)  # type: ignore[no-untyped-call]
 
     @cfunc(types.void(types.voidptr, types.uint64, types.uint32, counts))
-    def step(uc: Any, _address: Any, _size: Any, shared: Any) -> None:
-        state = carray(shared, 4)
-        state[_INSTRUCTIONS] += 1
+    def step(uc: Any, address: Any, size: Any, shared: Any) -> None:
+        state = carray(shared, _SHARED)
+        at = np.int64(address)
+        if not state[_BLOCK] < at < state[_BLOCK_END]:
+            state[_INSTRUCTIONS] += 1
+        if state[_THUMB] and size == 2:
+            halfword = state[_READ:]
+            fetch(uc, address, halfword.ctypes, 2)
+            mask = halfword[0] & 0xF
+            if halfword[0] >> 8 == 0xBF and mask:
+                end = at + 2
+                # the lowest bit of the mask that is set ends the block
+                while mask & 0xF:
+                    fetch(uc, np.uint64(end), halfword.ctypes, 2)
+                    end += 4 if halfword[0] >= _32_BITS else 2
+                    state[_INSTRUCTIONS] += 1
+                    mask <<= 1
+                state[_BLOCK], state[_BLOCK_END] = at, end
         # a register of 32 bits fills the lower half of the word, which is zero before
         pointer = state[_POINTER:]
         read(uc, np.int32(state[_REGISTER]), pointer.ctypes)
@@ -130,7 +158,7 @@ class Emulator:
     code_bytes : int
         Functions and constants.
     instructions : int
-        Executed by the last counted call.
+        Issued by the last counted call, with those whose condition was false.
     stack : int
         Bytes of stack, the most that a counted call used.
     patience_s : float
@@ -232,7 +260,7 @@ class Emulator:
         address = self.symbols[function][0]
         stack = self._pass(arguments)
         if count and self._counted is None:
-            self._counted = InstructionCounter(self._uc, self._number("SP"))
+            self._counted = InstructionCounter(self._uc, self._number("SP"), thumb=not self._wide)
         if self._counted is not None:
             self._counted.restart(stack)
         try:

@@ -12,9 +12,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from firmware_model.emulation.build import SOURCES, Target, build
+from firmware_model.emulation.build import SOURCES, Target, build, compiler
 from firmware_model.emulation.emulator import Emulator
-from firmware_model.emulation.instructions import compiler, write_table
+from firmware_model.emulation.instructions import write_table
 
 TABLE = SOURCES / "evpr_instructions.csv"
 
@@ -31,7 +31,7 @@ class EvprInstructions:
     """Cost of the encoder on one processor."""
 
     target: str
-    compiler: str  #: With another version of it, the figures are others.
+    compiler: str  #: With another version of it or other flags, the figures are others.
     #: Instructions of `evpr_push` for an event of 3 or 4 bytes, without a pause, within a frame:
     #: the mean, and the most.
     event_3: float
@@ -160,7 +160,7 @@ def measure(target: Target, folder: str | Path) -> EvprInstructions:
     alone = Emulator(target, build(target, folder, files=("evpr.c",), name="evpr-alone"))
     return EvprInstructions(
         target=target.name,
-        compiler=compiler(),
+        compiler=compiler(target),
         event_3=_mean(within[3]),
         event_4=_mean(within[4]),
         event_most=max(map(max, within.values())),
@@ -181,4 +181,4 @@ def _mean(values: Sequence[int]) -> float:
 
 
 if __name__ == "__main__":
-    write_table(measure)
+    write_table(measure, TABLE)

@@ -8,16 +8,14 @@ from __future__ import annotations
 
 import argparse
 import struct
-import sys
 import tempfile
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, replace
-from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
 from firmware_model.design import Design
-from firmware_model.emulation.build import EMULATED, FIRMWARE, SOURCES, Target, build
+from firmware_model.emulation.build import COUNTED, FIRMWARE, SOURCES, Target, build, compiler
 from firmware_model.emulation.emulator import Emulator
 from firmware_model.image import image, ram_bytes, stride
 from firmware_model.memories import Memories
@@ -48,7 +46,7 @@ class Instructions:
 
     target: str
     sad: str  #: How distances are computed on this processor.
-    compiler: str  #: With another version of it, the figures are others.
+    compiler: str  #: With another version of it or other flags, the figures are others.
     #: Instructions that an event at a selected pixel adds to a batch: the most of all of them, with
     #: full counters too.
     event_selected: int
@@ -62,6 +60,7 @@ class Instructions:
     contrast_window_end: int  #: Of `vpr_window_end` with contrast codes.
     filter_match: int  #: Of a match by the place filter, for `FILTER`.
     filter_per_place: int
+    half_per_place: int  #: Of a place at half windows.
     sad_per_byte: float  #: Of a distance with call and return, over the slots (not their padding).
     code_bytes: int  #: Functions and constants of ``vpr.c``.
     ram_bytes: int  #: Arrays and structures, beside the stack.
@@ -79,7 +78,7 @@ class FirmwareRun:
         self.image = emulator.put(flash)
         self.design, self.state, self.found = (emulator.put(bytes(_STRUCT_BYTES)) for _ in range(3))
         self.ram = emulator.put(bytes(ram_bytes(memories.design)))
-        if not self.count("vpr_open", self.design, self.image, len(flash))[0] & 1:
+        if not emulator.call("vpr_open", self.design, self.image, len(flash)) & 1:
             raise AssertionError("the firmware refuses its own design")
         self.reset()
 
@@ -159,11 +158,14 @@ def measure(target: Target, folder: str | Path) -> Instructions:
     per_place = _per_place(emulator, DESIGN, DESIGN.length, matched)
     contrast, filtered = FirmwareRun(emulator, _memories(FILTER)).match(_WINDOWS)
     filter_per_place = _per_place(emulator, FILTER, _WINDOWS, filtered)
+    half = replace(FILTER, places_per_window=2)
+    matched_half = FirmwareRun(emulator, _memories(half)).match(_WINDOWS)[1]
+    half_per_place = _per_place(emulator, half, _WINDOWS, matched_half)
     alone = Emulator(target, build(target, folder, files=("vpr.c",), name="alone"))
     return Instructions(
         target=target.name,
         sad=target.sad,
-        compiler=compiler(),
+        compiler=compiler(target),
         event_selected=per_selected,
         event_unselected=per_other,
         events_call=call,
@@ -173,6 +175,7 @@ def measure(target: Target, folder: str | Path) -> Instructions:
         contrast_window_end=contrast,
         filter_match=filtered,
         filter_per_place=filter_per_place,
+        half_per_place=half_per_place,
         sad_per_byte=round(distance / DESIGN.slots, 2),
         code_bytes=alone.code_bytes,
         ram_bytes=ram_bytes(DESIGN) + structures,
@@ -195,22 +198,18 @@ def _memories(design: Design) -> Memories:
     return Memories(design, choose_pixels(design), [places[k % 97] for k in range(design.places)])
 
 
-def compiler() -> str:
-    """Name the compiler and its version."""
-    return f"ziglang {version('ziglang')}"
-
-
 def table(rows: Sequence[Any]) -> str:
     """Write measurements, dataclasses of one kind and at least one, as CSV."""
     return csv_text(asdict(rows[0]), [list(asdict(row).values()) for row in rows])
 
 
-def write_table(measured: Callable[[Target, str], Any]) -> None:
-    """Measure all processors, and write the table to standard output."""
+def write_table(measured: Callable[[Target, str], Any], to: Path) -> None:
+    """Measure all processors, and write the table beside the C sources."""
     argparse.ArgumentParser(description=write_table.__doc__).parse_args()
     with tempfile.TemporaryDirectory() as folder:
-        sys.stdout.write(table([measured(target, folder) for target in EMULATED]))
+        text = table([measured(target, folder) for target in COUNTED])
+    to.write_text(text, encoding="ascii")
 
 
 if __name__ == "__main__":
-    write_table(measure)
+    write_table(measure, TABLE)
