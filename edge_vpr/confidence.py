@@ -22,10 +22,9 @@ from edge_vpr.events import TIME_LIMIT_US
 from edge_vpr.settings import Settings
 
 #: Tables learnt on simulated streets by `experiment calibration --table`, see docs/trust.md: for
-#: matches that come a number of windows late, and for smoothed drives.
+#: live matches, and for smoothed drives.
 DEFAULT_TABLES = "default_confidence.json"
-LEARNT_DELAYS = (0, 2, 4, 8)
-SMOOTHED = "smoothed"
+LIVE, SMOOTHED = "live", "smoothed"
 #: Keys of that file: tables for robots that may leave the map, and one for live matches of robots
 #: that never do.
 TABLES, LIVE_ON_MAP = "tables", "live_on_map"
@@ -209,7 +208,7 @@ class Acceptance:
             Table of the map; by default a shipped table for the place filter, none for sequences.
         """
         if own is None and settings.matching == "filter":
-            own = default_confidence(settings.smooth, settings.match_delay, settings.stays_on_map)
+            own = default_confidence(settings.smooth, settings.stays_on_map)
         return cls(own, settings.precision)
 
     def accept(
@@ -241,33 +240,28 @@ _NAMES = ("trust", "probability", "matches")
 
 
 @cache
-def default_confidence(
-    smoothed: bool = False, delay: int = 0, stays_on_map: bool = False
-) -> Confidence:
+def default_confidence(smoothed: bool = False, stays_on_map: bool = False) -> Confidence:
     """Return a shipped table of the place filter, learnt on simulated streets.
 
     Parameters
     ----------
     smoothed : bool
         For drives that were smoothed as a whole.
-    delay : int
-        Otherwise, the number of windows by which matches come late. The table is that of the
-        largest learnt delay that does not exceed it.
     stays_on_map : bool
-        For robots that never leave the map. Late and smoothed matches have one table for all
-        robots, because a table learnt on the map alone would be overconfident on other drives.
+        For robots that never leave the map. Smoothed matches have one table for all robots, because
+        a table learnt on the map alone would be overconfident on other drives.
 
     Raises
     ------
     MapError
         If the package's file is damaged.
     """
-    name = SMOOTHED if smoothed else str(max(n for n in LEARNT_DELAYS if n <= delay))
     with archive_errors(DEFAULT_TABLES, "install edge-vpr again"):
         text = files("edge_vpr").joinpath(DEFAULT_TABLES).read_text(encoding="utf-8")
         shipped = json.loads(text)
-        live = not smoothed and not delay
-        table = shipped[LIVE_ON_MAP] if stays_on_map and live else shipped[TABLES][name]
+        table = shipped[TABLES][SMOOTHED if smoothed else LIVE]
+        if stays_on_map and not smoothed:
+            table = shipped[LIVE_ON_MAP]
         return Confidence(
             np.array(table["trust"], dtype=np.int64),
             np.array(table["probability"], dtype=np.float64),

@@ -54,6 +54,7 @@ from edge_vpr.map_record import KIND, MapRecord, check_matchable, describe_query
 from edge_vpr.matching.drive import match_query
 from edge_vpr.matching.matches import Matches, write_csv
 from edge_vpr.online.localiser import Localiser, OdometryFeed
+from edge_vpr.online.runs import join_matches
 from edge_vpr.online.schedule import MatchSchedule
 from edge_vpr.recordings import Faults, Recording, open_recording
 from edge_vpr.recordings.memory import FORMAT as MEMORY
@@ -383,7 +384,6 @@ class ReferenceMap(MapRecord):
         every: str | MatchSchedule | None = None,
         *,
         settings: Settings | None = None,
-        recent: int = 0,
         **changes: Unpack[MatchingChanges],
     ) -> Localiser:
         """Return a localiser, which matches events with this map while they come.
@@ -392,12 +392,9 @@ class ReferenceMap(MapRecord):
         ----------
         every : str or MatchSchedule, optional
             When to give a match: ``"event"``, a number of events such as ``"100"``, a time such as
-            ``"50ms"``, ``"window"``, or ``"change"`` of the place. By default after each event, or
-            with a delay at the end of each window.
+            ``"50ms"``, ``"window"``, or ``"change"`` of the place. By default after each event.
         settings : Settings, optional
             Settings of matching to use instead of the map's.
-        recent : int
-            See `Localiser`.
         **changes
             Single settings of matching that replace the map's.
 
@@ -413,7 +410,7 @@ class ReferenceMap(MapRecord):
         """
         _check_causal(changes, "localiser")
         asked = self._with(self._asked(settings, changes, "localiser"), "localiser")
-        made = Localiser(asked.causal(), every=every, recent=recent)
+        made = Localiser(asked.causal(), every=every)
         made.unit_check = UnitCheck(self.pixel_map.sensor)
         return made
 
@@ -1108,8 +1105,7 @@ def _check_causal(changes: Mapping[str, Any], by: str) -> None:
     """Refuse to smooth what is matched while events come."""
     if changes.get("smooth"):
         raise UsageError(
-            f"{by}: smooth=True needs all later windows: give delay=4 for the next four, or leave "
-            "it out"
+            f"{by}: smooth=True needs all later windows: leave it out, or match the recording"
         )
 
 
@@ -1193,7 +1189,7 @@ def _match_events(
     busy_s += time.perf_counter() - start
     if stream is not None and end_us is not None:
         windows += stream.advance(end_us)
-    rows = np.concatenate(found)
+    rows = join_matches(found)
     if rows.size == 0:
         raise UsageError(
             f"the recording ended before a sequence of {asked.settings.windows_per_match} windows "

@@ -306,8 +306,6 @@ def shown(value: object) -> str:
 # defaults stand in `Settings`.
 
 
-#: largest number of windows that a match waits for
-MOST_DELAY = 64
 _FILTER, _SEQUENCE = ("matching", ("filter",)), ("matching", ("sequence",))
 _CODE = ("counter_code", ("linear", "sqrt", "log"))
 
@@ -416,13 +414,6 @@ _MATCHING = _group(
         more="Live and online matching never smooth.",
         needs=_FILTER,
     ),
-    delay=SettingField(
-        help="place filter without smoothing: each match waits for N later windows and uses them",
-        metavar="N",
-        most=MOST_DELAY,
-        more="See docs/place_filter.md.",
-        needs=_FILTER,
-    ),
     sequence_length=SettingField(
         help="windows in a sequence, L",
         short="-L",
@@ -445,7 +436,7 @@ _MATCHING = _group(
         more="How well this holds: docs/trust.md.",
     ),
     stays_on_map=SettingField(
-        help="place filter without smoothing and delay: accept more matches, for a robot that "
+        help="place filter without smoothing: accept more matches, for a robot that "
         "never leaves the route",
         more="Off the map, probabilities are too high: see docs/trust.md.",
         needs=_FILTER,
@@ -504,7 +495,6 @@ class Settings:
     matching: Matching = "sequence"
     filter_restart: int = 16
     smooth: bool = False
-    delay: int = 0
     sequence_length: int = 5
     exclusion: int = 3
     precision: float | None = None
@@ -559,11 +549,6 @@ class Settings:
         if self.places_per_window is not None:
             return self
         return replace(self, places_per_window=reference.places_per_window)
-
-    @property
-    def match_delay(self) -> int:
-        """Number of windows that a match waits for; 0 for a drive that is smoothed whole."""
-        return self.delay if self.matching == "filter" and not self.smooth else 0
 
     @property
     def running_mean(self) -> bool:
@@ -648,7 +633,7 @@ class Settings:
         shared = (self.matching, self.exclusion)
         if self.matching == "sequence":
             return (*shared, self.sequence_length)
-        return (*shared, self.filter_restart, self.smooth, self.match_delay)
+        return (*shared, self.filter_restart, self.smooth)
 
     @property
     def own_mean_code(self) -> OwnMeanCode | None:
@@ -750,7 +735,6 @@ class MatchingChanges(TypedDict, total=False):
     matching: Matching
     filter_restart: int
     smooth: bool
-    delay: int
     sequence_length: int
     exclusion: int
     precision: float | Literal["none"] | None

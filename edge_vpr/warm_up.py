@@ -197,7 +197,6 @@ def localising_steps(
                 localiser().read_odometer(last_us, 0.0)
             last_us += settings.tau_us
             localiser().advance(last_us)
-        localiser().finish()
 
     return [
         WarmUpStep("burst filter", lambda: [bursts.update(some) for some in chunks]),

@@ -1,6 +1,6 @@
 """Section 10 of docs/specification.md as a program: matching of drives on a computer only.
 
-Smoothing, delay, odometry, jumps and misfit extend the place filter of `specification`.
+Smoothing, odometry, jumps and misfit extend the place filter of `specification`.
 """
 
 from __future__ import annotations
@@ -236,10 +236,10 @@ class Drive:
             scale = 0 if paused else (before or state.reciprocal) * weight
             self.scales.append((scale, 8 * weight // whole if scale else 8))
 
-    def whole(self, w: int, last: int) -> list[int]:
+    def whole(self, w: int) -> list[int]:
         """Return the cost of the whole path through each place in window w."""
         cost_to_go = [0] * len(self.metrics[0])
-        for v in range(last, w, -1):
+        for v in range(len(self.metrics) - 1, w, -1):
             total = [e + g for e, g in zip(self.evidence[v], cost_to_go, strict=True)]
             mirrored = [(k, j, cost) for j, k, cost in self.transitions[v]]
             cost_to_go = predict(total, mirrored, self.costs.restart)
@@ -264,7 +264,7 @@ class Drive:
     def smoothed(self) -> list[DriveMatch]:
         """Return the match of each window by the whole drive."""
         n = len(self.metrics)
-        best = [search(self.whole(w, n - 1), self.exclusion) for w in range(n)]
+        best = [search(self.whole(w), self.exclusion) for w in range(n)]
         places, margins = [one.place for one in best], [margin_of(one) for one in best]
         chained = [False, *(self.follows(w, *pair) for w, pair in enumerate(pairwise(places), 1))]
         alike = [len(list(same)) for _, same in groupby(places)]
@@ -288,12 +288,10 @@ class Drive:
             found.append(DriveMatch(*best[w], trust))
         return found
 
-    def delayed(self, delay: int = 0) -> list[DriveMatch]:
-        """Return the match of each window by `delay` later ones; without any, as in section 6."""
-        n = len(self.metrics)
-        costs = [self.whole(w, min(w + delay, n - 1)) for w in range(n)]
+    def live(self) -> list[DriveMatch]:
+        """Return the match of each window by the windows before it, as in section 6."""
         state, found = self.begin, []
-        for w, row in enumerate(costs):
+        for w, row in enumerate(self.metrics):
             one = search(row, self.exclusion)
             follows = self.follows(w, state.place, one.place)
             state, trust = judge(state, one, self.evidence[w][one.place], follows)

@@ -126,16 +126,14 @@ def filtered(
     reference: ReferenceMap, coded: Rows, events: list[int], begin: Begin
 ) -> list[tuple[int, int, int, int, int]]:
     """Place, metric, second, its metric and trust after each window."""
-    return list(map(row_of_match, drive_of(reference, coded, events, begin).delayed()))
+    return list(map(row_of_match, drive_of(reference, coded, events, begin).live()))
 
 
 def smoothed(
     reference: ReferenceMap, coded: Rows, events: list[int]
 ) -> list[tuple[int, int, int, int, int]]:
-    """The same of each window by those before and after it: by all, or by as many as a delay."""
-    begin, delay = begin_of(reference), reference.settings.match_delay
-    if delay:
-        return list(map(row_of_match, drive_of(reference, coded, events, begin).delayed(delay)))
+    """The same of each window by all those before and after it."""
+    begin = begin_of(reference)
     drives = [
         drive_of(reference, coded, events, replace(begin, mean_activity=start))
         for start in possible_starts(events, begin.mean_activity)

@@ -287,12 +287,10 @@ def lagged_counts(
     return lags
 
 
-def online_match(
-    places: Matrix, lags: Matrix, exclusion: int, recent: int = 0
-) -> tuple[int, int, int, int]:
+def online_match(places: Matrix, lags: Matrix, exclusion: int) -> tuple[int, int, int, int]:
     """Best and second place where the sequence can end now, and their summed distances."""
     length = len(lags)
-    ends = range(length - 1, len(places) - recent)
+    ends = range(length - 1, len(places))
     sums = [sum(sad(places[k - i], lags[i]) for i in range(length)) for k in ends]
     best, second, _ = best_and_second(sums, exclusion)
     if second < 0:

@@ -34,7 +34,7 @@ class LiveResult(NamedTuple):
 
     events: Events  #: Shape (n,): as decoded.
     matches: npt.NDArray[np.void]  #: Shape (m,): in the order of their windows.
-    #: Time up to which the stream is known; with a delay, matches are of earlier windows.
+    #: Time up to which the stream is known.
     reached_us: int
     #: Of each match, the share of the events of its windows that is known to be lost.
     missing: tuple[float, ...] = ()
@@ -100,7 +100,7 @@ class LiveLocaliser:
         # longest time that is matched in one step
         self._most_us = MOST_TICKS * self._localiser.every.interval_us or _NEVER_US
         #: windows that a match compares, and how far back from a match its losses may lie
-        self._windows = settings.windows_per_match + settings.match_delay
+        self._windows = settings.windows_per_match
         span_us = settings.tau_us if settings.window == "time" else _MOST_LOSS_US
         self._horizon_us = (self._windows + 1) * span_us
 
@@ -237,8 +237,6 @@ class LiveLocaliser:
                 # without a tick, the windows age with the next event
                 found.append(localiser.advance(known))
             self._time = known
-        if last:
-            found.append(localiser.finish())
         self._losses.note(reached, self._horizon_us)
         matches = join_matches(found)
         return LiveResult(events, matches, reached, *self._located(matches))

@@ -137,7 +137,7 @@ class LiveSession:
         Without one, events are decoded and recorded, and nothing is matched.
     every : str or MatchSchedule, optional
         When to give a match: ``50ms`` (the default), ``event``, ``window``, ``change``, or a number
-        of events. Maps with a delay give one at the end of each window.
+        of events.
     sensor : Sensor or str, optional
         Such as ``128x128``; by default the map's.
     baud : int, optional
@@ -165,8 +165,8 @@ class LiveSession:
         A file with the suffix ``.state``, in which the session keeps what it knows of the drive,
         every two seconds and at its end; a session with the same map and settings goes on from
         there. A state that is older than a silence of the camera's clock may be (60 s; 600 s where
-        a checksum protects times), or is damaged, is not used, and a message says so. Not with a
-        delay or `learn`; files and pipes have none.
+        a checksum protects times), or is damaged, is not used, and a message says so. Not with
+        `learn`; files and pipes have none.
     settings : Settings or str, optional
         Of the map to write, or the name of a preset; by default those of `reference`.
     overwrite : bool
@@ -182,7 +182,7 @@ class LiveSession:
         Called with each `Message`; by default problems go to the logger ``edge_vpr.live``.
     **changes
         Single settings of matching that replace those of `reference`, such as ``precision=0.99``,
-        below which matches are rejected (`lost`), or ``delay=4``.
+        below which matches are rejected (`lost`).
 
     Raises
     ------
@@ -286,11 +286,10 @@ class LiveSession:
             check_recorded(path, "record")
             check_output(path, [map_file])
         if self._state is not None:
-            reference = self.reference
-            if reference is None or reference.settings.match_delay or self._learn is not None:
+            if self.reference is None or self._learn is not None:
                 raise UsageError(
-                    f"state {self._state}: it is of matching with a map at once: give reference=, "
-                    "and leave out delay= and learn="
+                    f"state {self._state}: it is of matching with a map: give reference=, and "
+                    "leave out learn="
                 )
             check_state_file(self._state)
         seen: set[Path] = set()
@@ -564,23 +563,22 @@ class LiveSession:
         return LiveStep(result, chunk.at_s, self._new_readings(), found)
 
     def _oldest_s(self, window_s: float) -> float:
-        """Return the age beyond which a match is rejected: by default two windows and its delay."""
-        delay = 0 if self.reference is None else self.reference.settings.match_delay
-        return self._max_age_s or (2 + delay) * window_s
+        """Return the age beyond which a match is rejected: by default two windows."""
+        return self._max_age_s or 2 * window_s
 
     def _matches(self, result: LiveResult, host_us: int) -> tuple[LiveMatch, ...]:
         """Return the matches of a piece of bytes that came at `host_us`."""
-        reference, locator = self.reference, self._locator
-        if not result.matches.size or reference is None or locator is None:
+        locator = self._locator
+        if not result.matches.size or locator is None:
             return ()
         self._beat_s = time.monotonic()
-        delay, found = reference.settings.match_delay, []
+        found = []
         rows = map(MatchRow._make, result.matches.tolist())
         every = zip(rows, result.missing, result.at, result.jumps, strict=True)
         for row, missing, at, jumps in every:
             age_s = self._lag.age_s(row.time_us, self._beat_s)
             self._newest_max_age_s = self._oldest_s((row.time_us - row.start_us) / 1e6)
-            then_us = host_us - (result.reached_us - row.time_us) * (delay > 0)
+            then_us = host_us
             if not math.isnan(age_s):
                 then_us = int(1e6 * (time.time() - age_s))
             where: dict[str, Any] = locator.locate(at)

@@ -1,6 +1,6 @@
 """Matching of all windows of a recorded drive, by sequences or by the place filter.
 
-The filter matches each window immediately, some windows late, or by the whole drive.
+The filter matches each window immediately, or by the whole drive.
 """
 
 from __future__ import annotations
@@ -23,12 +23,12 @@ from edge_vpr.matching.place_filter import NUMBER_NAMES, PlaceFilter, WindowRows
 from edge_vpr.matching.prediction import Metrics, Travelled, check_no_transitions
 from edge_vpr.matching.search import nearest_places
 from edge_vpr.matching.sequences import match_by_sequences, sequence_distances
-from edge_vpr.matching.smoothing import BackwardPass, FixedLag, runs
+from edge_vpr.matching.smoothing import BackwardPass, runs
 from edge_vpr.matching.trust import smoothed_misfit, smoothed_trust
 from edge_vpr.route import Odometry
 from edge_vpr.settings import Settings
 
-# The place filter over a recorded drive: immediately, some windows late, or by the whole drive.
+# The place filter over a recorded drive: immediately, or by the whole drive.
 
 
 #: number of metrics, and of evidence values, in memory at a time while a drive is smoothed
@@ -68,11 +68,6 @@ class FilteredDrive(NamedTuple):
         if self.metrics is not None:
             self.metrics[:, first:last] = metrics.T
 
-    def put_late(self, last: int, columns: npt.NDArray[np.int64], metrics: Metrics) -> None:
-        """Store the matches of some windows, the last of which is before `last`."""
-        if len(columns):
-            self.put(last - len(columns), columns, metrics)
-
 
 def filter_drive(
     place_filter: PlaceFilter,
@@ -81,7 +76,6 @@ def filter_drive(
     odometry: Odometry | None = None,
     *,
     smooth: bool = False,
-    delay: int = 0,
     metrics: npt.NDArray[np.float64] | None = None,
 ) -> FilteredDrive:
     """Advance a filter over all windows of a drive.
@@ -98,8 +92,6 @@ def filter_drive(
         Odometry of this drive.
     smooth : bool
         Whether all later windows contribute to each match.
-    delay : int
-        Without `smooth`, the number of later windows that contribute.
     metrics : ndarray of float64, shape (K, n), optional
         Output: the metric of each place after each window, the least of which is the match.
 
@@ -131,14 +123,8 @@ def filter_drive(
         _start_likelier(drive)
         _smooth(drive, found)
         return found
-    lag = FixedLag(place_filter.transitions, delay) if delay else None
-    for first, last, rows in drive.advance(0, n):
-        if lag is None:
-            found.put(first, rows.columns, rows.metrics)
-        else:
-            found.put_late(last - delay, *lag.add(rows, travelled[first:last]))
-    if lag is not None:
-        found.put_late(n, *lag.finish())
+    for first, _, rows in drive.advance(0, n):
+        found.put(first, rows.columns, rows.metrics)
     return found
 
 
@@ -332,9 +318,7 @@ def match_by_filter(
     odometry: Odometry | None = None,
 ) -> Matches:
     """Match every query window by a place filter in its initial state; see `filter_drive`."""
-    found = filter_drive(
-        place_filter, index, queries, odometry, smooth=settings.smooth, delay=settings.match_delay
-    )
+    found = filter_drive(place_filter, index, queries, odometry, smooth=settings.smooth)
     place, metric, second, second_metric, ties, trust, misfit = found.columns.T
     probability, lost = acceptance.accept(trust, misfit)
     return Matches(
@@ -412,7 +396,7 @@ def drive_distances(
         out = np.empty((len(places), len(queries)))
         filter_drive(
             PlaceFilter.of(places, settings, jumps, along_mm), ReferenceIndex(places.counts),
-            queries, odometry, smooth=settings.smooth, delay=settings.match_delay, metrics=out,
+            queries, odometry, smooth=settings.smooth, metrics=out,
         )  # fmt: skip
         return out
     check_no_transitions(jumps, odometry is not None)

@@ -197,7 +197,7 @@ def write_trust(
 
     Parameters
     ----------
-    now : record of NUMBERS or HELD
+    now : record of NUMBERS
         State after the match before.
     by_distance : bool
         Whether `follows` holds the places reachable from that match, by odometry; else places are

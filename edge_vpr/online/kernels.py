@@ -59,12 +59,12 @@ def sequence_match(sums, total, c, length, row):
     bool
         Whether there is a match: not if only changes are requested and the place is the same.
     """
-    places = total.sums - c.recent
-    best, least = least_in(sums, total.sums, np.int64(0), places)
+    places = total.sums
+    best, least = least_in(sums, places, np.int64(0), places)
     if c.change and best == c.last_reported:
         return False
     c.last_reported = best
-    second, second_least = _second(sums, total.sums, best, c.exclusion, places)
+    second, second_least = _second(sums, best, c.exclusion, places)
     best_sum, second_sum = np.int64(least) + total.common, np.int64(-1)
     row["place"], row["second"], row["trust"] = best + length - 1, -1, 0
     row["misfit"] = NO_MISFIT
@@ -95,14 +95,14 @@ def write_distances(row, best_sum, second_sum, length):
 
 
 @kernel(inline="always")
-def _second(sums, count, best, exclusion, places):
+def _second(sums, best, exclusion, places):
     """Return the best place outside the exclusion zone and its sum; -1 if there is none."""
     second, second_least = -1, sums[best]
     first, end = exclusion_zone(best, exclusion)
     if first > 0:
-        second, second_least = least_in(sums, count, np.int64(0), first)
+        second, second_least = least_in(sums, places, np.int64(0), first)
     if end < places:
-        after, after_least = least_in(sums, count, end, places)
+        after, after_least = least_in(sums, places, end, places)
         if second < 0 or after_least < second_least:
             second, second_least = after, after_least
     return second, second_least
@@ -239,7 +239,6 @@ CONTROL = np.dtype(
         ("last_reported", "<i8"),  # place of the last match
         # search
         ("exclusion", "<i8"),  # of sequences: width of the zone around the best place
-        ("recent", "<i8"),  # number of the newest places that are not searched
         ("least_trust", "<i8"),  # of a match that is accepted
         # place filter
         ("window_end", "<i8"),  # end of the current window; `NEVER` with sequences

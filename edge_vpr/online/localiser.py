@@ -37,7 +37,6 @@ from edge_vpr.matching.prediction import check_no_transitions
 from edge_vpr.online.kernels import REFUSED, check_order
 from edge_vpr.online.runs import (
     NO_MATCHES,
-    DelayedRun,
     FilterRun,
     MatchRun,
     SequenceRun,
@@ -74,12 +73,8 @@ class Localiser:
         Map, whose settings are those of a profile (`Settings.profile`).
     every : str or MatchSchedule, optional
         Schedule of matches: ``"event"``, a number of events such as ``"100"``, a time such as
-        ``"50ms"``, ``"window"``, or ``"change"`` of the place. By default after each event; with a
-        delay at the end of each window, the only schedule then. There is no match before the L
-        windows are complete.
-    recent : int
-        Number of the map's newest places that are not searched, for a rover that appends places
-        while it drives.
+        ``"50ms"``, ``"window"``, or ``"change"`` of the place. By default after each event. There
+        is no match before the L windows are complete.
 
     Attributes
     ----------
@@ -89,13 +84,7 @@ class Localiser:
 
     unit_check: UnitCheck | None = None
 
-    def __init__(
-        self,
-        reference: MapRecord,
-        *,
-        every: str | MatchSchedule | None = None,
-        recent: int = 0,
-    ) -> None:
+    def __init__(self, reference: MapRecord, *, every: str | MatchSchedule | None = None) -> None:
         expect(reference, MapRecord, "reference", "a ReferenceMap, as of ReferenceMap.load(path)")
         if reference.settings.smooth:  # which needs later windows
             reference = reference.matched_with(replace(reference.settings, smooth=False))
@@ -105,23 +94,17 @@ class Localiser:
         if every is not None:
             expect(every, (str, MatchSchedule), "every", "a text such as '50ms' or 'window'")
         self.every = MatchSchedule.parse(every, settings, "event")
-        self._reference, self._recent = reference, recent
+        self._reference = reference
         self._window, length = window_of(settings), settings.windows_per_match
         reference.check()
         places, counters = reference.places.counts.shape
-        check_extent(places, counters, length, recent, self._window)
-        filtered = settings.matching == "filter"
-        if recent and filtered:
-            raise UsageError(
-                f"{recent} recent places are left out by sequences only: set matching to sequence"
-            )
+        check_extent(places, counters, length, self._window)
         self.run: MatchRun
-        if filtered:
-            filter_run = DelayedRun if settings.match_delay else FilterRun
-            self.run = filter_run(reference, self._window, self.every)
+        if settings.matching == "filter":
+            self.run = FilterRun(reference, self._window, self.every)
         else:
             check_no_transitions(reference.jumps, odometry=False)
-            self.run = SequenceRun(reference, self._window, self.every, recent)
+            self.run = SequenceRun(reference, self._window, self.every)
 
     def __len__(self) -> int:
         return len(self.run.places)
@@ -131,8 +114,8 @@ class Localiser:
 
     @property
     def filled(self) -> float:
-        """Share of the L windows and those of a delay that is complete, 0 to 1."""
-        windows = self.settings.windows_per_match + self.settings.match_delay
+        """Share of the L windows that is complete, 0 to 1."""
+        windows = self.settings.windows_per_match
         if isinstance(self._window, FixedTime):
             return min(1.0, self.run.now_us / (windows * self._window.tau_us))
         return min(1.0, self.selected / (windows * self._window.events))
@@ -214,18 +197,10 @@ class Localiser:
         self.every.check_ticks(self.run.next_tick, until_us)
         return join_matches(self.run.advance(until_us))
 
-    def finish(self) -> npt.NDArray[np.void]:
-        """Return the matches that a delay still holds, at the end of a drive.
-
-        Returns
-        -------
-        ndarray of MATCH_DTYPE, shape (m,)
-            Matches of the last windows, which fewer windows than the delay follow; m is 0 without
-            a delay.
-        """
+    def finish(self) -> None:
+        """End the drive: check the unit of the times of few events too."""
         if self.unit_check is not None:
             self.unit_check.finish()
-        return join_matches(self.run.finish())
 
     def read_odometer(
         self, time_us: int, distance_m: float, *, checked: bool = True
@@ -303,24 +278,6 @@ class Localiser:
             place_us = max(int(centres[-1] - centres[0]) // max(len(centres) - 1, 1), 1)
             self.run.place_filter.spread(2 * passed_us // place_us + 1)
 
-    def append(self, counts: npt.NDArray[np.integer]) -> int:
-        """Add a place at the end of the map.
-
-        Parameters
-        ----------
-        counts : ndarray of int, shape (J,)
-            Its descriptor, in codes if the localiser has a code.
-
-        Returns
-        -------
-        int
-            Number of the new place.
-        """
-        if not isinstance(self.run, SequenceRun):
-            raise UsageError("places are added while matching by sequences only: map the drive")
-        self.run.append(counts)
-        return len(self) - 1
-
     def save(self, path: str | Path, *, overwrite: bool = False) -> None:
         """Save the map and the state, from which `load` continues exactly.
 
@@ -346,7 +303,6 @@ class Localiser:
             "sensor": list(self._reference.pixel_map.sensor),
             "settings": self.settings.to_dict(),
             "every": asdict(self.every),
-            "recent": self._recent,
         }
 
     @classmethod
@@ -360,11 +316,7 @@ class Localiser:
         """
         arrays, meta = read_archive(path, KIND)
         with archive_errors(path, "save the state again"):
-            found = cls(
-                searched_map(arrays, meta),
-                every=MatchSchedule(**meta["every"]),
-                recent=meta["recent"],
-            )
+            found = cls(searched_map(arrays, meta), every=MatchSchedule(**meta["every"]))
             found.run.resume(arrays, meta["now_us"], meta["floor_us"])
         return found
 
@@ -421,7 +373,8 @@ class OdometryFeed:
             found = [self._reading(reading) for reading in range(self._read, stop)]
             self._read = stop
             found.append(self._localiser.advance(end_us))
-        return [*found, self._localiser.finish()]
+        self._localiser.finish()
+        return found
 
     def _read_by(self, time_us: int) -> int:
         """Return how many readings there are up to a time."""
@@ -487,18 +440,18 @@ MAX_COUNTERS = 1 << 24
 MAX_COMPARISONS = 1 << 36
 
 
-def check_extent(places: int, counters: int, length: int, recent: int, window: Window) -> None:
+def check_extent(places: int, counters: int, length: int, window: Window) -> None:
     """Refuse sizes that would overflow the kernels' integers, or need too much memory or time.
 
     Parameters
     ----------
-    places, counters, length, recent : int
-        K, J, L, and the number of newest places that are not searched.
+    places, counters, length : int
+        K, J and L.
     """
-    if type(recent) is not int or recent < 0 or places < length + recent:
+    if places < length:
         raise UsageError(
-            f"a map of {places} places cannot hold sequences of {length} besides {recent} recent "
-            "places: take a shorter sequence or a longer map"
+            f"a map of {places} places cannot hold sequences of {length}: take a shorter sequence "
+            "or a longer map"
         )
     if length * counters > MAX_COUNTERS or length * places * counters > MAX_COMPARISONS:
         raise UsageError(

@@ -1,12 +1,11 @@
 """Runs, which feed events to the kernel `process_events`, and do the work that needs Python.
 
-`SequenceRun` matches by sequences, `FilterRun` by the place filter, and `DelayedRun` some windows
-later. They hold the state of a localiser.
+`SequenceRun` matches by sequences, `FilterRun` by the place filter. They hold the state of a
+localiser.
 """
 
 from __future__ import annotations
 
-from collections import deque
 from collections.abc import Callable
 from typing import NamedTuple, get_type_hints
 
@@ -14,15 +13,11 @@ import numpy as np
 import numpy.typing as npt
 
 from edge_vpr.archive import Arrays
-from edge_vpr.compiling import SharedState, plain, specialise
-from edge_vpr.confidence import accept_match
-from edge_vpr.descriptors.windows import Window, narrow
-from edge_vpr.errors import MapError, UsageError
+from edge_vpr.compiling import SharedState, specialise
+from edge_vpr.descriptors.windows import Window
 from edge_vpr.events import NO_EVENTS, TIME_LIMIT_US, Events
 from edge_vpr.map_record import MapRecord
-from edge_vpr.matching.filter_match import FilterMatch
 from edge_vpr.matching.place_filter import PlaceFilter, WindowRows
-from edge_vpr.matching.smoothing import FixedLag, Late
 from edge_vpr.online.kernels import (
     CHUNK_EVENTS,
     CONTROL,
@@ -34,7 +29,6 @@ from edge_vpr.online.kernels import (
     OnlineState,
     Stop,
     process_events,
-    write_distances,
 )
 from edge_vpr.online.schedule import MatchSchedule
 from edge_vpr.online.sliding_windows import (
@@ -98,7 +92,6 @@ def _state_before(
     reference: MapRecord,
     windows: SlidingWindows,
     schedule: MatchSchedule,
-    recent: int = 0,
     place_filter: PlaceFilter | None = None,
 ) -> OnlineState:
     """Return the state of the kernel before the first event.
@@ -109,8 +102,6 @@ def _state_before(
         Windows with the distances to this map.
     schedule : MatchSchedule
         Schedule of matches.
-    recent : int
-        Number of the newest places that are not searched.
     place_filter : PlaceFilter, optional
         Its arrays are shared, not copied.
     """
@@ -120,7 +111,7 @@ def _state_before(
     first.every, first.interval = schedule.events, schedule.interval_us
     first.change, first.exclusion = schedule.change, settings.exclusion_places
     first.next_tick, first.last_reported = schedule.interval_us, -1
-    first.recent, first.window_end = recent, NEVER
+    first.window_end = NEVER
     first.least_trust = -2 * TIME_LIMIT_US
     trust, probability = np.empty(0, dtype=np.int64), np.empty(0, dtype=np.float64)
     if acceptance.confidence is not None:
@@ -160,13 +151,13 @@ class MatchRun:
 
     Parameters
     ----------
-    schedule, recent, place_filter
+    schedule, place_filter
         See `_state_before`.
 
     Attributes
     ----------
     places : ndarray of unsigned int, shape (K, J)
-        Places of the map, and appended places.
+        Places of the map.
     state : OnlineState
         Replaced when an array has to grow.
     kernel_state : KernelState
@@ -178,7 +169,6 @@ class MatchRun:
         reference: MapRecord,
         window: Window,
         schedule: MatchSchedule,
-        recent: int = 0,
         place_filter: PlaceFilter | None = None,
     ) -> None:
         self.places, settings = reference.places.counts, reference.settings
@@ -187,7 +177,7 @@ class MatchRun:
             shared = settings.shared_code
             code = UNLIMITED if shared is None else shared.top
         windows = start(self.places, window, settings.windows_per_match, code, reference.mean)
-        state = _state_before(reference, windows, schedule, recent, place_filter)
+        state = _state_before(reference, windows, schedule, place_filter)
         # not a record array, whose field access takes 1 us
         self._control = np.asarray(state.control).view(CONTROL)[0]
         self._out = state.out.view(np.uint8).data
@@ -255,10 +245,6 @@ class MatchRun:
                 self._window_over()
             stop = self._process(self.kernel_state, NO_EVENTS, GO_ON)
 
-    def finish(self) -> MatchRows:
-        """Return the matches that a delay still holds, at the end of a drive."""
-        return []
-
     def _taken(self, given: int) -> npt.NDArray[np.void]:
         # as bytes: NumPy copies records field by field
         room = bytearray(self._out[: given * MATCH_DTYPE.itemsize])
@@ -308,28 +294,6 @@ class MatchRun:
 
 class SequenceRun(MatchRun):
     """Matching by the sequence of the newest L windows."""
-
-    def append(self, counts: npt.NDArray[np.integer]) -> None:
-        """Add a place at the end of the map.
-
-        Parameters
-        ----------
-        counts : ndarray of int, shape (J,)
-            Its descriptor, in codes if the map has a code.
-        """
-        if counts.shape != self.places.shape[1:] or counts.dtype.kind not in "iu":
-            raise MapError(
-                f"descriptor of {counts.dtype} and shape {counts.shape}: expected "
-                f"{self.places.shape[1]} whole numbers, as `DescriptorStream` gives them"
-            )
-        most = min(self.state.windows.saturation, np.iinfo(np.int32).max)
-        if counts.min() < 0 or counts.max() > most:
-            raise MapError(
-                f"descriptor holds {counts.min()} to {counts.max()}: expected 0 to {most}"
-            )
-        wide = np.promote_types(self.places.dtype, narrow(counts).dtype)
-        self.places = np.concatenate([self.places.astype(wide), counts[None].astype(wide)])
-        self._hold(self.state._replace(windows=with_distances(self.settled(), self.places)))
 
 
 # The place filter event by event: within windows, and at the end of each window.
@@ -444,78 +408,3 @@ def _means_per_s(reference: MapRecord) -> tuple[int, int]:
     events = round(float(windows.selected_events.mean()) * (len(windows) - 1))
     way_mm = int(along_mm[-1] - along_mm[0])
     return way_mm * 1_000_000 // passed_us, events * 1_000_000 // passed_us
-
-
-# The place filter event by event, with matches that come some windows late.
-
-
-class DelayedRun(FilterRun):
-    """Matching of each window after N more windows have ended.
-
-    The kernel matches at the end of each window. Time and events of its match are kept, place and
-    trust are replaced by those of `FixedLag`.
-
-    Parameters
-    ----------
-    reference : MapRecord
-        Its settings give N.
-    schedule : MatchSchedule
-        A match at the end of each window.
-    """
-
-    def __init__(self, reference: MapRecord, window: Window, schedule: MatchSchedule) -> None:
-        settings = reference.settings
-        if schedule != MatchSchedule.window(settings):
-            raise UsageError(
-                f"a delay of {settings.delay} windows gives a match at the end of each window: "
-                "match every window, or set delay to 0"
-            )
-        super().__init__(reference, window, schedule)
-        self._lag = FixedLag(self.place_filter.transitions, settings.match_delay)
-        self._given: np.void | None = None  # match of the kernel for the window that ends
-        self._undecided: deque[np.void | None] = deque()  # None for a window that was skipped
-        self._decided: list[np.void] = []
-
-    def go_on(self, stop: Stop) -> MatchRows:
-        """See `MatchRun.go_on`."""
-        super().go_on(stop)
-        return self._drained()
-
-    def finish(self) -> MatchRows:
-        """See `MatchRun.finish`."""
-        self._decide(self._lag.finish())
-        return self._drained()
-
-    def _taken(self, given: int) -> npt.NDArray[np.void]:
-        rows = super()._taken(given)
-        (self._given,) = rows
-        return rows[:0]
-
-    def _window_over(self) -> None:
-        assert self.state.rows is not None
-        self._undecided.append(self._given)
-        self._given = None
-        self._decide(self._lag.add(self.state.rows, [self.odometer.travelled_mm]))
-        super()._window_over()
-
-    def _decide(self, late: Late) -> None:
-        for column in late[0].tolist():
-            row, match = self._undecided.popleft(), FilterMatch(*column)
-            if row is None:
-                continue
-            row["place"], row["second"] = match.place, match.second
-            row["trust"], row["misfit"] = match.trust, match.misfit
-            plain(write_distances)(row, match.metric, match.second_metric, 1)
-            steps = self.state.trust_steps, self.state.probability_steps
-            plain(accept_match)(row, *steps, self._control["least_trust"])
-            self._decided.append(row)
-
-    def _drained(self) -> MatchRows:
-        decided, self._decided = self._decided, []
-        return [np.array(decided, dtype=MATCH_DTYPE)] if decided else []
-
-    def to_arrays(self) -> Arrays:
-        """Raise UsageError: windows that wait for later ones cannot be saved."""
-        raise UsageError(
-            "a localiser with a delay cannot be saved: set delay to 0, or keep the events"
-        )

@@ -64,20 +64,13 @@ class MatchSchedule:
         ----------
         when : str, MatchSchedule or None
             ``event``, a number of events, a time such as ``10ms``, ``window``, or ``change``; None:
-            the default, or ``window`` with a delay.
+            the default.
         settings : Settings
             Settings of the map.
         """
         if isinstance(when, MatchSchedule):
             return when
-        text = when or ("window" if settings.match_delay else default)
-        schedule = _read_every(text)
-        if schedule is not None and settings.match_delay:
-            raise UsageError(
-                f"every={text!r} with a delay of {settings.match_delay} windows, which gives a "
-                "match at the end of each window: leave every= out, or set delay=0"
-            )
-        return schedule or cls.window(settings)
+        return _read_every(when or default) or cls.window(settings)
 
     def check_ticks(self, from_us: int, until_us: int) -> None:
         """Raise UsageError if time jumps over more than a million intervals."""

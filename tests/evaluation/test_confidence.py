@@ -29,7 +29,6 @@ from streams import Drive, descriptors, random_events
 from edge_vpr import LiveSession
 from edge_vpr.confidence import (
     DEFAULT_TABLES,
-    LEARNT_DELAYS,
     NO_MISFIT,
     Acceptance,
     Confidence,
@@ -49,7 +48,7 @@ from edge_vpr.matching.matches import Matches
 from edge_vpr.online.localiser import Localiser
 from edge_vpr.recordings import open_recording, write_recording
 from edge_vpr.reference_map import ReferenceMap
-from edge_vpr.settings import MOST_DELAY, PRESETS, SETTING_FIELDS, Settings
+from edge_vpr.settings import PRESETS, SETTING_FIELDS, Settings
 from firmware_model.specification_drive import confidence_of
 
 SENSOR = Sensor(16, 12)
@@ -74,21 +73,11 @@ def test_blocks_of_pooled_violators_are_the_least_squares_rising_fit(found):
     assert (np.diff([fit[begin] for begin in begins]) > 0).all()
 
 
-def test_a_delay_takes_the_table_of_the_next_lower_one_that_was_learnt():
-    tables = [default_confidence(False, late).trust.tolist() for late in LEARNT_DELAYS]
-    assert all(tables.count(table) == 1 for table in tables)
-    for late, learnt in {1: 0, 2: 2, 3: 2, 4: 4, 7: 4, 8: 8, MOST_DELAY: 8}.items():
-        taken = default_confidence(False, late).trust.tolist()
-        assert taken == tables[LEARNT_DELAYS.index(learnt)]
-    assert default_confidence(True).trust.tolist() not in tables
-
-
 def test_a_robot_that_stays_on_the_map_accepts_live_matches_of_lower_trust():
     any_robot, on_map = (default_confidence(stays_on_map=stays) for stays in (False, True))
     assert on_map.least_trust(0.99) < any_robot.least_trust(0.99)
     assert on_map.matches.sum() < any_robot.matches.sum()
-    for smoothed, late in ((False, 1), (False, 4), (True, 0)):
-        assert default_confidence(smoothed, late, True) == default_confidence(smoothed, late)
+    assert default_confidence(True, stays_on_map=True) == default_confidence(True)
 
 
 @pytest.mark.parametrize(
@@ -108,7 +97,7 @@ def test_a_damaged_file_of_shipped_tables_is_named(tmp_path, monkeypatch, found,
     monkeypatch.setattr("edge_vpr.confidence.files", lambda package: tmp_path)
     with pytest.raises(MapError, match=f"{DEFAULT_TABLES}.*{says}.*again"):
         for smoothed, stays_on_map in ((True, False), (False, True)):
-            default_confidence.__wrapped__(smoothed, 0, stays_on_map)
+            default_confidence.__wrapped__(smoothed, stays_on_map)
 
 
 @given(outcomes)
@@ -275,7 +264,7 @@ def test_a_table_is_not_used_with_settings_that_give_trust_another_scale():
 #: another value of each setting that changes the scale of the trust, and those that do not
 OF_TRUST = {
     "matching": "sequence", "filter_restart": 9,
-    "smooth": False, "delay": 2, "exclusion": 1, "sequence_length": 9,
+    "smooth": False, "exclusion": 1, "sequence_length": 9,
 }  # fmt: skip
 NOT_OF_TRUST = {"precision", "stays_on_map"}
 
@@ -285,7 +274,6 @@ def test_every_setting_of_matching_changes_the_scale_of_the_trust_or_is_known_no
     assert names == set(OF_TRUST) | NOT_OF_TRUST
     for name, value in OF_TRUST.items():
         base = PRESETS["paper" if name == "sequence_length" else "default"]
-        base = replace(base, smooth=False) if name == "delay" else base
         assert replace(base, **{name: value}).of_trust != base.of_trust, name
 
 
@@ -308,22 +296,21 @@ def robot(tmp_path_factory):
     return folder
 
 
-@pytest.mark.parametrize(("smooth", "delay"), [(True, 0), (False, 0), (False, 3), (False, 8)])
-def test_a_recorded_drive_that_stays_on_the_map_has_the_probabilities_of_such(robot, smooth, delay):
+@pytest.mark.parametrize("smooth", [True, False])
+def test_a_recorded_drive_that_stays_on_the_map_has_the_probabilities_of_such(robot, smooth):
     reference = ReferenceMap.load(robot / "map.npz")
     for stays in (False, True):
-        changes = {"smooth": smooth, "delay": delay, "stays_on_map": stays}
+        changes = {"smooth": smooth, "stays_on_map": stays}
         result = reference.match(robot / "query.npz", **changes)
         found, settings = result.matches, result.matches.settings
         assert match_descriptors(reference.places, result.queries, settings) == found
-        table = default_confidence(smooth, 0 if smooth else delay, stays)
+        table = default_confidence(smooth, stays)
         assert found.probability.tolist() == table.probability_of(found.net_trust).tolist()
         assert found.lost.tolist() == (found.net_trust < table.least_trust(0.99)).tolist()
 
 
-@pytest.mark.parametrize("delay", [0, 4])
 def test_each_live_path_gives_the_matches_of_a_recorded_drive_that_stays_on_the_map(
-    robot, delay, tmp_path, capsys
+    robot, tmp_path, capsys
 ):
     def rows_of(rows):
         return [tuple(row[name] for name in COLUMNS) for row in rows]
@@ -333,8 +320,7 @@ def test_each_live_path_gives_the_matches_of_a_recorded_drive_that_stays_on_the_
 
     names = [str(robot / name) for name in ("map.npz", "query.npz", "sent.bin")]
     reference = ReferenceMap.load(names[0])
-    asked = {"delay": delay, "stays_on_map": True}
-    flags = ["--delay", str(delay), "--stays-on-map"]
+    asked = {"smooth": False, "stays_on_map": True}
     recorded = of_matches(reference.match(names[1], **asked).matches)
     assert {lost for _, _, lost in recorded} == {True, False}
     # the recording's last window has no event after it, so that only its end ends it
@@ -342,22 +328,21 @@ def test_each_live_path_gives_the_matches_of_a_recorded_drive_that_stays_on_the_
     assert online == recorded[: len(online)] and len(recorded) - len(online) <= 1
     out = tmp_path / "out"
     live = ["--online", "--every", "window", "--no-figures", "-o", str(out)]
-    assert main(["match", *names[:2], *flags, *live]) == 0
+    assert main(["match", *names[:2], "--stays-on-map", *live]) == 0
     assert of_matches(Matches.load(out / "matches.npz")) == online
 
     localiser = reference.localiser("window", **asked)
-    if not delay:  # one that waits for windows is not saved
-        localiser.save(tmp_path / "state.npz")
-        localiser = Localiser.load(tmp_path / "state.npz")
+    localiser.save(tmp_path / "state.npz")
+    localiser = Localiser.load(tmp_path / "state.npz")
     rows = [localiser.update(part) for part in open_recording(names[1])]
-    assert rows_of(np.concatenate([*rows, localiser.finish()])) == online
+    assert rows_of(np.concatenate(rows)) == online
 
     chosen = reference.matched_with(reference.settings.replaced(asked, "test"))
     with LiveSession(names[2], protocol="evpr", reference=chosen, every="window") as session:
         assert [(m.place, m.probability, m.lost) for m in session] == online
     capsys.readouterr()
     sent = ["--port", names[2], "--protocol", "evpr", "--map", names[0], "--every", "window"]
-    assert main(["stream", *sent, *flags, "--json"]) == 0
+    assert main(["stream", *sent, "--stays-on-map", "--json"]) == 0
     said = [json.loads(line) for line in capsys.readouterr().out.splitlines()]
     assert rows_of(row for row in said if "place" in row) == online
 
@@ -381,24 +366,19 @@ def test_a_map_with_a_table_of_its_own_is_not_asked_for_a_shipped_one(robot, tmp
     # a map that was made for a robot that stays on it uses the table that it learnt later
     made = replace(reference, settings=asked)
     assert made.match(robot / "query.npz").reference.acceptance.confidence is own
-    # with a delay, trust has another scale than that of the map's own table
-    found = reference.match(robot / "query.npz", stays_on_map=True, delay=4).matches
-    shipped = default_confidence(False, 4, True)
+    # with another restart, trust has another scale than that of the map's own table
+    changes = {"smooth": False, "filter_restart": 20}
+    found = reference.match(robot / "query.npz", stays_on_map=True, **changes).matches
+    shipped = default_confidence(False, True)
     assert found.probability.tolist() == shipped.probability_of(found.net_trust).tolist()
 
 
 def test_what_has_no_effect_on_such_matches_is_warned_of(robot, tmp_path, capsys):
     match = ["match", str(robot / "map.npz"), str(robot / "query.npz"), "--no-figures", "-o"]
-    late, stays = "--delay has no effect", "--stays-on-map is for matches at once"
-    asked = {
-        "--smooth --stays-on-map": [stays], "--no-smooth --stays-on-map": [],
-        "--online --stays-on-map": [], "--online --delay 2 --stays-on-map": [stays],
-        "--smooth --delay 2": [late], "--no-smooth --delay 2": [],
-    }  # fmt: skip
-    for i, (words, said) in enumerate(asked.items()):
-        assert main([*match, str(tmp_path / f"{i}"), *words.split()]) == 0
-        shown = capsys.readouterr().err
-        assert [text for text in (late, stays) if text in shown] == said
+    asked = {"--smooth": True, "--no-smooth": False, "--online": False}
+    for i, (flag, warned) in enumerate(asked.items()):
+        assert main([*match, str(tmp_path / f"{i}"), flag, "--stays-on-map"]) == 0
+        assert ("--stays-on-map is for live matches" in capsys.readouterr().err) == warned
 
 
 def test_what_a_map_learns_does_not_depend_on_whether_the_robot_stays_on_it(robot):

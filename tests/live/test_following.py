@@ -77,7 +77,7 @@ class Separate:
 
     def check_missing(self, match, missing):
         """Whatever was lost after the windows began is missing, and what was long before is not."""
-        windows = self.reference.settings.windows_per_match + self.reference.settings.match_delay
+        windows = self.reference.settings.windows_per_match
         begin_us = match["time_us"] - windows * (match["time_us"] - match["start_us"])
         before, long_before = (
             max(known for at, known in self.log if at <= time_us)
@@ -92,8 +92,6 @@ def a_map(rng, kind, window, remove_bursts):
     changes = {"window": window, "tau_us": 2_000, "events_per_pixel": 2.0}
     changes |= {"remove_bursts": remove_bursts}
     counts = rng.integers(0, 6, (30, len(PIXELS)))
-    if kind == "delayed":
-        changes |= {"smooth": False, "delay": 1}
     if kind != "sequence":  # of windows of fixed time
         return filtered_map(counts, **changes | {"window": "time"})
     return map_of(counts, sequence_length=2, **changes)
@@ -152,7 +150,7 @@ def cut(rng, sent, whole):
 @given(
     seed=st.integers(0, 2**32),
     device=st.sampled_from(["evpr", "evpr", "evt2"]),
-    kind=st.sampled_from(["sequence", "filter", "delayed"]),
+    kind=st.sampled_from(["sequence", "filter"]),
     window=st.sampled_from(["time", "count"]),
     remove_bursts=st.booleans(),
     every=st.sampled_from(SCHEDULES),
@@ -169,8 +167,6 @@ def test_a_stream_gives_the_results_of_its_events_whatever_comes_and_however_it_
 ):
     rng = np.random.default_rng(seed)
     reference = a_map(rng, kind, window, remove_bursts)
-    if kind == "delayed":
-        every = MatchSchedule.window(reference.settings)
     live = LiveLocaliser(open_decoder(device, SENSOR), reference, every, causal_bursts=True)
     separate = Separate(device, reference, every)
     sent = a_stream(rng, device)
@@ -189,7 +185,7 @@ def test_a_stream_gives_the_results_of_its_events_whatever_comes_and_however_it_
     events, found = (each.tobytes() for each in (last.events, last.matches))
     ended = separate.decoder.finish()
     matches = separate.match(ended, separate.decoder.reached_us)
-    matches = matches.tobytes() + separate.localiser.finish().tobytes()
+    matches = matches.tobytes()
     assert (events, found) == (ended.tobytes(), matches)
     check_state(live._localiser)
 

@@ -14,7 +14,6 @@ import threading
 import time
 import tty
 from dataclasses import replace
-from itertools import pairwise
 from pathlib import Path
 
 import numba
@@ -39,7 +38,7 @@ from edge_vpr.online.schedule import MatchSchedule
 from edge_vpr.recordings import open_recording, write_recording
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.route import Route
-from edge_vpr.settings import PRESETS, Settings
+from edge_vpr.settings import Settings
 from edge_vpr.simulation import simulate_pair
 
 ROOT = Path(__file__).parents[2]
@@ -709,28 +708,6 @@ def test_a_precision_marks_the_matches_below_it_as_lost(street, tmp_path):
         LiveSession(sent, protocol="evpr", reference=known, hartbeat="500ms")
     with pytest.raises(UsageError, match="setting tau_us = 1, and the map was made with"):
         LiveSession(sent, protocol="evpr", reference=known, tau_us=1)
-
-
-def test_a_delay_gives_a_match_per_window_without_being_told_when(query, tmp_path):
-    """Also with a map that smooths recordings, which a live session never does."""
-    sent, encoder = tmp_path / "sent.bin", open_encoder("evpr", SENSOR)
-    sent.write_bytes(encoder.start() + encoder.encode(query))
-    found = []
-    coded = PRESETS["default"].replaced({"pixels": 20, "sigma": 1.0, "tau": "100ms"}, "test")
-    events = random_events(np.random.default_rng(0), 60_000, SENSOR, 3_000_000)
-    reference = ReferenceMap.build(Drive(events, SENSOR), coded)
-    asked = {"protocol": "evpr", "reference": reference, "delay": 2}
-    for settings in ({}, {"smooth": False, "every": "window"}):
-        with LiveSession(sent, **asked, **settings) as session:
-            found.append([(match.place, match.time_s, match.host_us) for match in session])
-    places = [[match[:2] for match in each] for each in found]
-    assert places[0] == places[1] and len(found[0]) > 10
-    # the bytes of a match came before those of the windows that it has waited for: of two matches
-    # from one piece of bytes, a window apart
-    apart_us = [after[2] - before[2] for before, after in pairwise(found[0])]
-    assert any(abs(apart - 100_000) <= 1 for apart in apart_us)
-    with pytest.raises(UsageError, match=r"a delay of 2 windows, .* leave every= out"):
-        LiveSession(sent, **asked, every="50ms")
 
 
 def test_a_map_in_place_of_a_port_is_called_a_map(route, tmp_path):

@@ -224,8 +224,7 @@ def test_a_state_of_another_map_or_of_other_settings_is_not_used(street, tmp_pat
     [
         ({"state": "run.npz"}, "such as live.state"),
         ({"state": "missing/run.state"}, "no folder missing"),
-        ({"delay": 2}, "leave out delay="),
-        ({"learn": "new.npz"}, "leave out delay="),
+        ({"learn": "new.npz"}, "leave out learn="),
         ({"reference": None, "sensor": SENSOR}, "give reference="),
     ],
 )

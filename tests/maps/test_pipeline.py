@@ -397,7 +397,7 @@ def test_a_part_of_a_recording_fills_windows_up_to_its_end(tmp_path):
     assert ends == {0.5: 5, 0.55: 5, 0.9: 9, None: 9, 7: 9}
 
 
-@pytest.mark.parametrize("changes", [{"matching": "filter"}, {"delay": 2}, {"preset": "paper"}])
+@pytest.mark.parametrize("changes", [{"matching": "filter"}, {"preset": "paper"}])
 def test_a_drive_of_count_frames_has_as_many_matches_as_frames(changes, tmp_path):
     """As events or windows, and event by event."""
     rng = np.random.default_rng(0)

@@ -265,7 +265,7 @@ def test_settings_that_leave_the_places_open_take_those_of_the_map(folder, route
 
 
 def test_a_localiser_of_a_map_gives_what_online_matching_gives(folder, route):
-    localiser = route.localiser("20ms", delay=0)
+    localiser = route.localiser("20ms")
     recording = Drive(events_of(1), SENSOR)
     rows = [localiser.update(events) for events in recording]
     online = route.match(recording, every="20ms").matches
@@ -467,7 +467,7 @@ def wrong_uses():
     return {
         "pixls.*did you mean pixels": lambda drive, route: build(drive, pixls=5),
         "did you mean precision": lambda drive, route: route.match(drive, precison=0.9),
-        "localiser has.*did you mean delay": lambda drive, route: route.localiser(dealy=1),
+        "localiser has.*did you mean exclusion": lambda drive, route: route.localiser(exlusion=1),
         "preset 'defualt' is unknown": lambda drive, route: build(drive, "defualt"),
         "settings is a dict: give Settings": lambda drive, route: build(drive, many),
         "setting pixels = 'many'": lambda drive, route: build(drive, pixels="many"),

@@ -112,7 +112,6 @@ ALL_FLAGS = {  # a value other than the preset's, as the flag takes it
     "bursts": "keep",
     "matching": "sequence",
     "filter_restart": "20",
-    "delay": "4",
     "sequence_length": "2",
     "exclusion": "1",
     "precision": "0.9",
@@ -169,7 +168,7 @@ def test_a_file_takes_the_names_of_attributes_too(tmp_path, names, flags):
 
 
 def test_the_mean_of_a_query_is_a_running_one_where_no_later_windows_are_known():
-    matchings = ({"matching": "sequence"}, {"smooth": True}, {"smooth": False, "delay": 4})
+    matchings = ({"matching": "sequence"}, {"smooth": True}, {"smooth": False})
     found = [PRESETS["default"].replaced(one, "") for one in matchings]
     assert [one.running_mean for one in found] == [False, False, True]
 
@@ -214,7 +213,7 @@ def test_a_word_of_a_setting_of_words_is_read_as_what_it_means():
     ("preset", "changes", "profile"),
     [
         ("default", {}, "robot"),
-        ("default", {"pixels": 25, "delay": 4, "smooth": False, "places_per_window": 1}, "robot"),
+        ("default", {"pixels": 25, "smooth": False, "places_per_window": 1}, "robot"),
         ("paper", {}, "paper"),
         ("paper", {"window": "count", "counter_code": "linear", "counter_bits": 4}, "paper"),
         ("default", {"polarity": True}, None),
@@ -270,7 +269,7 @@ from edge_vpr import PartName, ReferenceMap, SettingChanges, open_recording
 drive = open_recording("monday.raw", sensor=(346, 260))
 route = ReferenceMap.build(drive, "paper", pixels=50, tau="500ms", hot_pixels="keep", clip=None)
 route.match("tuesday.raw", precision=0.99, matching="filter").evaluate(("a.csv", "b.csv"), 70)
-route.localiser("50ms", delay=2)
+route.localiser("50ms", exclusion=2)
 LiveSession("/dev/ttyUSB0", protocol="edvs", reference=route, precision=0.9)
 LiveSession("/dev/ttyUSB0", protocol=PartName("edvs:format=E3"), reference=route)
 

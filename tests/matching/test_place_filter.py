@@ -82,7 +82,7 @@ def test_metrics_matches_and_trust_equal_the_oracle(
         driven=[None, *driven[1:]],
     )  # fmt: skip
     counted_mm = [driven[0], *page.driven[1:]]
-    matches = page.delayed()
+    matches = page.live()
     misfits = running_misfits(page.misfits([m.place for m in matches], typical.tolist()))
     for w, (row, count, expected) in enumerate(zip(distances, events, matches, strict=True)):
         if driven[w] is not None:
@@ -100,7 +100,7 @@ def test_after_a_spread_above_2_to_16_a_window_is_scaled_by_its_own():
     distances = np.array([[0, 10**6, 0, 0], [9, 5, 40, 7], [9, 5, 40, 7]])
     found = PlaceFilter(Transitions(4, TransitionCosts()))
     page = Drive(costs_of(TransitionCosts()), 3, distances.tolist(), [50] * 3, 0, [0] * 4)
-    for row, metric, expected in zip(distances, page.metrics, page.delayed(), strict=True):
+    for row, metric, expected in zip(distances, page.metrics, page.live(), strict=True):
         match = found.update(row, 50)
         assert found.state.metric.tolist() == metric
         assert (match.place, match.trust) == (expected.place, expected.trust)
@@ -114,13 +114,13 @@ def test_after_a_spread_above_2_to_16_a_window_is_scaled_by_its_own():
     steps=costs,
     jumps=st.integers(0, 3),
     spacing=st.sampled_from([0, 7, 1_000]),
-    delay=st.sampled_from([None, None, 1, 3]),
+    smooth=st.booleans(),
 )
 @settings(max_examples=60)
-def test_a_smoothed_drive_has_the_cost_of_the_best_path_through_each_place(
-    seed, places, windows, steps, jumps, spacing, delay
+def test_a_drive_has_the_cost_of_the_best_path_through_each_place(
+    seed, places, windows, steps, jumps, spacing, smooth
 ):
-    """Smoothed whole, or as far as the windows go that a match waits for."""
+    """Of the whole path where it is smoothed, else of the path until then."""
     rng = np.random.default_rng(seed)
     reference, queries = (rng.integers(0, 9, (n, 3)) for n in (places, windows))
     mapped = replace(descriptors(reference), selected=rng.choice(EVENTS, places))
@@ -132,7 +132,7 @@ def test_a_smoothed_drive_has_the_cost_of_the_best_path_through_each_place(
         odometry = readings(travelled)
         driven = [None, *np.diff(odometry.distance_mm).tolist()]
     chosen = Settings(
-        matching="filter", pixels=3, smooth=delay is None, delay=delay or 0,
+        matching="filter", pixels=3, smooth=smooth,
         filter_restart=steps.restart, exclusion=1, places_per_window=steps.places_per_window,
         window="time" if steps.by_activity else "count", events_per_pixel=1.0,
     )  # fmt: skip
@@ -151,19 +151,19 @@ def test_a_smoothed_drive_has_the_cost_of_the_best_path_through_each_place(
             per_window=number, jumps=pairs.tolist(),
             along=[] if along is None else along.tolist(), driven=driven,
         )
-        for start in (starts if delay is None else starts[:1])
+        for start in (starts if smooth else starts[:1])
     ])  # fmt: skip
-    expected = page.smoothed() if delay is None else page.delayed(delay)
+    expected = page.smoothed() if smooth else page.live()
     for w, match in enumerate(expected):
         second = -1 if match.second is None else match.second
         assert (found.place[w], found.second[w], found.ties[w]) == (
             match.place, second, match.ties,
         )  # fmt: skip
         assert (found.distance_sum[w], found.trust[w]) == (match.sum, match.trust)
-        metric = page.whole(w, windows - 1 if delay is None else min(w + delay, windows - 1))
+        metric = page.whole(w) if smooth else page.metrics[w]
         nearest = sorted(range(places), key=lambda k: (metric[k], k))
         assert found.candidates[w][: min(places, 25)].tolist() == nearest[:25]
-    misfits = smoothed_misfits if delay is None else running_misfits
+    misfits = smoothed_misfits if smooth else running_misfits
     of_windows = page.misfits(found.place.tolist(), typical_distances(reference.tolist()))
     assert found.misfit.tolist() == misfits(of_windows)
 
@@ -175,10 +175,8 @@ def readings(travelled):
     return Odometry(times, driven.astype(np.int64))
 
 
-@pytest.mark.parametrize(
-    ("smooth", "delay", "first"), [(False, 0, 5), (True, 0, 25), (False, 4, 25)]
-)
-def test_the_windows_after_decide_with(smooth, delay, first):
+@pytest.mark.parametrize(("smooth", "first"), [(False, 5), (True, 25)])
+def test_the_windows_after_decide_with(smooth, first):
     """Places 5 and 25 look alike: which of them it was is known when the drive goes on."""
     rng = np.random.default_rng(6)
     reference = rng.integers(0, 100, (40, 12))
@@ -186,7 +184,7 @@ def test_the_windows_after_decide_with(smooth, delay, first):
     reference[5, 0] -= 1
     queries = reference[25:35].copy()
     queries[0] = reference[5]
-    chosen = Settings(matching="filter", pixels=12, smooth=smooth, delay=delay)
+    chosen = Settings(matching="filter", pixels=12, smooth=smooth)
     found = match_descriptors(descriptors(reference), descriptors(queries), chosen)
     assert found.place.tolist() == [first, *range(26, 35)]
 
@@ -431,7 +429,7 @@ def test_matches_of_a_traverse_are_those_of_the_oracle(seed, places, queries):
         query.sum(axis=1).tolist(), 256 * int(reference.sum()) // places,
         place_activity(events).tolist(),
     )  # fmt: skip
-    expected = page.delayed()
+    expected = page.live()
     assert found.place.tolist() == [match.place for match in expected]
     assert found.distance_sum.tolist() == [match.sum for match in expected]
     assert found.trust.tolist() == [match.trust for match in expected]

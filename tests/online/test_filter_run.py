@@ -58,7 +58,7 @@ def oracle_after_each_event(reference, events):
         counted.append(naive.lagged_counts(selected, t + 1, 1, counters, tau, 0)[0])
         coded = running_codes(reference, counted, begin_of(reference))
         drive = drive_of(reference, coded, list(map(sum, counted)))
-        expected = drive.delayed()
+        expected = drive.live()
         of_windows = drive.misfits([one.place for one in expected], typical_distances(places))
         *match, trust = row_of_match(expected[-1])
         misfit = running_misfits(of_windows)[-1]
@@ -103,16 +103,13 @@ def test_every_match_equals_the_oracle_however_the_stream_is_cut(
 
 @given(
     seed=st.integers(0, 2**32),
-    delay=st.sampled_from([0, 0, 1, 3, 50]),
     per_window=st.sampled_from([1, 2]),
     pieces=st.integers(1, 5),
 )
 @settings(max_examples=EXAMPLES)
-def test_at_window_ends_it_says_what_the_batch_says(seed, delay, per_window, pieces):
+def test_at_window_ends_it_says_what_the_batch_says(seed, per_window, pieces):
     rng = np.random.default_rng(seed)
-    reference = random_map(
-        rng, 30, 9, tau_us=100, delay=delay, places_per_window=per_window,
-    )  # fmt: skip
+    reference = random_map(rng, 30, 9, tau_us=100, places_per_window=per_window)
     # from time to time the camera stands
     times = np.sort(rng.choice(rng.choice(2_000, 1_200, replace=False), 800))
     events = make_events(
@@ -121,8 +118,7 @@ def test_at_window_ends_it_says_what_the_batch_says(seed, delay, per_window, pie
     queries = describe_query(reference, Drive(events, SENSOR))
     batch = match_descriptors(reference.places, queries, reference.settings)
     localiser = Localiser(reference, every=MatchSchedule.window(reference.settings))
-    live = feed(localiser, cut_up(rng, events, pieces))
-    live = np.concatenate([live, localiser.finish()])[: len(batch)]
+    live = feed(localiser, cut_up(rng, events, pieces))[: len(batch)]
     for theirs, ours in (
         (batch.place, live["place"]),
         (batch.distance, live["distance"]),
@@ -152,18 +148,15 @@ def with_ways(rng, reference):
 
 @given(
     seed=st.integers(0, 2**32),
-    delay=st.sampled_from([0, 2]),
     per_window=st.sampled_from([1, 2]),
     pieces=st.integers(1, 5),
 )
 @settings(max_examples=EXAMPLES)
 def test_with_odometry_and_jumps_it_says_at_window_ends_what_the_batch_says(
-    seed, delay, per_window, pieces
+    seed, per_window, pieces
 ):
     rng = np.random.default_rng(seed)
-    reference = with_ways(
-        rng, random_map(rng, 30, 9, tau_us=100, delay=delay, places_per_window=per_window)
-    )
+    reference = with_ways(rng, random_map(rng, 30, 9, tau_us=100, places_per_window=per_window))
     events = random_events(rng, 800, SENSOR, 2_000)
     odometry = random_odometry(rng, 2_000)
     queries = describe_query(reference, Drive(events, SENSOR))
@@ -171,7 +164,7 @@ def test_with_odometry_and_jumps_it_says_at_window_ends_what_the_batch_says(
     localiser = Localiser(reference, every=MatchSchedule.window(reference.settings))
     fed = OdometryFeed(localiser, odometry)
     rows = [row for piece in cut_up(rng, events, pieces) for row in fed.update(piece)]
-    live = np.concatenate([*rows, localiser.finish()])[: len(batch)]
+    live = np.concatenate(rows)[: len(batch)]
     assert batch.place.tolist() == live["place"].tolist()
     assert batch.distance.tolist() == live["distance"].tolist()
     assert batch.trust.tolist() == live["trust"].tolist()
@@ -268,14 +261,6 @@ def test_a_silence_says_the_same_whether_it_is_passed_over_or_not():
     assert [row for row in expected[1] if row not in ticks] == expected[0]
 
 
-def test_what_only_sequences_can_do_is_refused():
-    reference = random_map(np.random.default_rng(8), 10, 5)
-    with pytest.raises(UsageError, match="recent places are left out by sequences only"):
-        Localiser(reference, recent=2)
-    with pytest.raises(UsageError, match="added while matching by sequences only"):
-        Localiser(reference).append(np.zeros(len(PIXELS), dtype=np.uint8))
-
-
 def test_ticks_that_are_skipped_give_no_match():
     rng = np.random.default_rng(9)
     reference = random_map(rng, 20, 9, tau_us=100)
@@ -286,54 +271,6 @@ def test_ticks_that_are_skipped_give_no_match():
     localiser.skip_ticks(int(later["t"][0]))
     assert localiser.next_match_us == int(later["t"][0]) // 10 * 10
     assert 90 < localiser.update(later).size < 110
-
-
-def test_a_match_that_comes_late_is_given_as_soon_as_its_last_window_has_ended():
-    rng = np.random.default_rng(10)
-    reference = random_map(rng, 20, 9, tau_us=100, delay=3)
-    every = MatchSchedule.window(reference.settings)
-    events = random_events(rng, 900, SENSOR, 2_000)
-    at_once = Localiser(
-        reference.matched_with(replace(reference.settings, delay=0)), every=every
-    ).update(events)
-    localiser, given = Localiser(reference), []
-    for i in range(len(events)):
-        given += [(i, row) for row in localiser.update(events[i : i + 1])]
-        assert localiser.filled == 1 or not given
-    last = localiser.finish()
-    assert localiser.finish().size == 0
-    # the same windows, of which all but three waited for the end of the third after them
-    assert [row["time_us"] for _, row in given] + last["time_us"].tolist() == at_once[
-        "time_us"
-    ].tolist()
-    assert len(last) == 3
-    for (i, row), third in zip(given, at_once[3:], strict=True):
-        assert row["start_us"] < row["time_us"] < third["time_us"] <= events["t"][i]
-        assert row["events"] == at_once["events"][at_once["time_us"] == row["time_us"]][0]
-
-
-def test_a_window_that_was_skipped_gives_no_match_and_the_others_keep_theirs():
-    rng = np.random.default_rng(11)
-    reference = random_map(rng, 20, 9, tau_us=100, delay=2)
-    localiser = Localiser(reference)
-    before = localiser.update(random_events(rng, 200, SENSOR, 1_000))
-    later = random_events(rng, 200, SENSOR, 1_000)
-    later["t"] += 10**9
-    localiser.skip_ticks(int(later["t"][0]))
-    after = np.concatenate([before, localiser.update(later), localiser.finish()])
-    ends = [*range(100, 1_000, 100), *range(10**9, 10**9 + 1_000, 100)]
-    assert after["time_us"].tolist() == ends
-    assert (after["start_us"] == after["time_us"] - 100).all()
-
-
-def test_a_delay_is_of_whole_windows_and_is_not_saved(tmp_path):
-    reference = random_map(np.random.default_rng(12), 10, 5, delay=2)
-    with pytest.raises(UsageError, match="a delay of 2 windows gives a match at the end of each"):
-        Localiser(reference, every=MatchSchedule(events=1))
-    localiser = Localiser(reference)
-    with pytest.raises(UsageError, match="a localiser with a delay cannot be saved"):
-        localiser.save(tmp_path / "state.npz")
-    assert not (tmp_path / "state.npz").exists()
 
 
 @pytest.mark.parametrize(

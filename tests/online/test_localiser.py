@@ -64,7 +64,7 @@ def feed_checked(localiser, chunks):
     return np.concatenate(found)
 
 
-def expected_after_each_event(reference, events, recent=0):
+def expected_after_each_event(reference, events):
     """The oracle's matches: everything is counted and compared anew after each selected event."""
     chosen = reference.settings
     by_time = chosen.window == "time"
@@ -83,7 +83,7 @@ def expected_after_each_event(reference, events, recent=0):
         lags = naive.lagged_counts(selected, t + 1, length, counters, tau, n)
         if chosen.counter_code == "linear":
             lags = [[min(c, 2**chosen.counter_bits - 1) for c in lag] for lag in lags]
-        match = naive.online_match(reference.places.counts.tolist(), lags, chosen.exclusion, recent)
+        match = naive.online_match(reference.places.counts.tolist(), lags, chosen.exclusion)
         rows.append((t, *match, sum(naive.lagged_counts(selected, t + 1, 1, counters, tau, n)[0])))
     return rows
 
@@ -306,26 +306,6 @@ def test_a_damaged_state_is_an_error(tmp_path):
         Localiser.load(tmp_path / "state.npz")
 
 
-@pytest.mark.slow
-@given(seed=st.integers(0, 2**32), recent=st.integers(0, 3))
-@settings(max_examples=25)
-def test_a_map_that_grows_while_driving_equals_one_that_was_so_from_the_start(seed, recent):
-    rng = np.random.default_rng(seed)
-    counts = rng.integers(0, 6, (30, 5))
-    counts[25:] *= 100  # wider counts than the map had
-    events = random_events(rng, 300, SENSOR, 2_000)
-    growing = Localiser(map_of(counts[:20], tau_us=200, sequence_length=2), recent=recent)
-    growing.update(events[:150])
-    for place, row in enumerate(counts[20:], 20):
-        assert growing.append(row) == place
-    found = growing.update(events[150:])
-    whole = Localiser(map_of(counts, tau_us=200, sequence_length=2), recent=recent)
-    whole.update(events[:150])
-    assert without_ratio(found) == without_ratio(whole.update(events[150:]))
-    assert found["place"].max(initial=0) < 30 - recent
-    check_state(growing)
-
-
 @pytest.mark.parametrize(
     "events",
     [make_events([5, 4], [0, 0], [0, 0]), make_events([5, 6], [0, 0], [0, 9])],
@@ -358,7 +338,6 @@ def test_a_clock_that_jumps_by_years_is_an_error_where_it_would_flood():
         lambda: MatchSchedule(),
         lambda: MatchSchedule(events=-1),
         lambda: Localiser(map_of(np.zeros((3, 5)), sequence_length=5)),
-        lambda: Localiser(map_of(np.zeros((5, 5)), sequence_length=5), recent=1),
     ],
 )
 def test_wrong_use_is_told(wrong):
@@ -385,16 +364,6 @@ def test_time_that_has_passed_without_events_cannot_be_filled_later():
     with pytest.raises(EventError, match="backwards, from 120 to 119"):
         localiser.advance(119)
     localiser.update(make_events([120], [0], [0]))
-
-
-@pytest.mark.parametrize(
-    "counts", [[1.5, 0, 0, 0, 0], [-1, 0, 0, 0, 0], [1, 2], [2**40, 0, 0, 0, 0]]
-)
-def test_what_is_no_descriptor_cannot_be_appended(counts):
-    localiser = Localiser(map_of(np.zeros((50, 5))))
-    with pytest.raises(MapError, match="descriptor"):
-        localiser.append(np.array(counts))
-    assert len(localiser) == 50
 
 
 def test_distances_beyond_32_bits_are_refused_instead_of_wrapping():
@@ -424,10 +393,10 @@ def test_windows_and_sequences_that_no_integer_holds_are_wrong_use():
     with pytest.raises(UsageError, match="make windows of more than"):
         Settings(window="count", events_per_pixel=1e15)
     with pytest.raises(UsageError, match="take shorter windows"):
-        check_extent(10**6, 1, 2_000, 0, FixedTime(10**15))
+        check_extent(10**6, 1, 2_000, FixedTime(10**15))
     with pytest.raises(UsageError, match="take a shorter sequence"):
-        check_extent(10**6, 150, 10**5, 0, FixedTime(1))
-    check_extent(100_000, 150, 100, 0, FixedTime(10**6))
+        check_extent(10**6, 150, 10**5, FixedTime(1))
+    check_extent(100_000, 150, 100, FixedTime(10**6))
 
 
 @pytest.mark.parametrize("window", [FixedTime, FixedCount])

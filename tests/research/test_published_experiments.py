@@ -143,7 +143,7 @@ def test_codes_and_probabilities_are_judged_on_published_traverses(downloads, sm
     rows = rows_of(trust, downloads, 1)
     named = {(row["map"], row["matching"]) for row in rows if row["drives"] == f"{PAIR}, 25 px"}
     maps = ("whole", "a piece cut out", "carried off twice")
-    for how in ("smoothed", "4 windows late", "live"):
+    for how in ("smoothed", "live"):
         assert {(each, how) for each in maps} < named
         (whole,) = (row for row in rows if (row["map"], row["matching"]) == ("whole", how))
         assert whole["correct"] == 1 and whole["positions in their interval"] == 1

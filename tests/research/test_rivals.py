@@ -100,7 +100,7 @@ def test_every_row_is_judged_on_all_its_windows_and_on_those_of_every_row():
         ways = [row["matching"] for row in rows if row["system"] == name]
         assert ways == [
             "single windows", "sequences of 5", "sequences of 10", "sequences of 20",
-            "place filter, live", "place filter, 4 windows late", "place filter, recorded",
+            "place filter, live", "place filter, recorded",
         ]  # fmt: skip
     assert sum(name.startswith("null") for name in systems) == 5
     drawing = rivals.figure([{"drives": "d", **row} for row in rows])
@@ -121,9 +121,10 @@ def test_the_same_drive_is_found_and_one_that_shows_nothing_is_not(contested):
 def test_the_first_right_match_is_given_with_the_last_window_that_it_needs(contested):
     rows = {row["matching"]: row for row in contested if row["system"] == "all-pixels, SAD"}
     for matching, seconds in (
-        ("sequences of 5", 5), ("sequences of 10", 10), ("place filter, live", 1),
-        ("place filter, 4 windows late", 5),
-    ):  # fmt: skip
+        ("sequences of 5", 5),
+        ("sequences of 10", 10),
+        ("place filter, live", 1),
+    ):
         assert rows[matching]["first right match (s)"] == seconds, matching
         assert rows[matching]["starts with a right match"] == 1
     assert rows["place filter, recorded"]["first right match (s)"] is None
@@ -198,9 +199,9 @@ def test_the_default_among_rivals_is_the_default_of_a_map():
     chosen.prepare(pair.reference.images)
     mapped = ReferenceMap.build(windows[0], settings, pixel_map=chosen.pixel_map)
     for name, changes in (
-        ("place filter, recorded", {}), ("place filter, live", {"smooth": False}),
-        ("place filter, 4 windows late", {"smooth": False, "delay": 4}),
-    ):  # fmt: skip
+        ("place filter, recorded", {}),
+        ("place filter, live", {"smooth": False}),
+    ):
         expected = mapped.match(windows[1], **changes).matches
         found = ours.match(rivals.decoders(5)[name].settings, slice(None))
         assert np.array_equal(found.place, expected.place), name
@@ -220,8 +221,8 @@ def test_the_filter_takes_given_distances_as_it_takes_those_of_codes():
     )
     distances = ReferenceIndex(places.counts).matrix(queries.counts)
     assert distances.max() == 12 * 255
-    for smooth, delay in ((True, 0), (False, 0), (False, 4)):
-        changes = {"smooth": smooth, "delay": delay, "precision": 0.99}
+    for smooth in (True, False):
+        changes = {"smooth": smooth, "precision": 0.99}
         settings = PRESETS["default"].replaced(changes, "test")
         expected = match_descriptors(places, queries, settings)
         activity = places.selected_events, queries.selected_events
@@ -318,22 +319,21 @@ def counted(windows=40):
 
 
 def test_the_filter_with_the_default_constants_is_the_default():
-    """Live and late; other constants match otherwise."""
+    """Other constants match otherwise."""
     _, drive = counted()
     robot = place_filter.DEFAULTS[place_filter.ROBOT]
     # a query that is hard enough for the constants to matter
     rng = np.random.default_rng(2)
     noisy = replace(drive.counted, counts=rng.permuted(drive.counted.counts, axis=1))
     drive = replace(drive, counted=noisy)
-    found = sensitivity.match_with(drive, sensitivity.Constants(), (0, 4))
-    for delay, places in found.items():
-        assert np.array_equal(places, drive.coded({**robot, "delay": delay}).match().place), delay
+    found = sensitivity.match_with(drive, sensitivity.Constants())
+    assert np.array_equal(found, drive.coded(robot).match().place)
     for constant in sensitivity.VARIED:
         times = 1 / 64 if constant == "doubted" else 0.25
-        other = sensitivity.match_with(drive, sensitivity.Constants(**{constant: times}), (0,))
-        changed = not np.array_equal(other[0], found[0])
+        other = sensitivity.match_with(drive, sensitivity.Constants(**{constant: times}))
+        changed = not np.array_equal(other, found)
         assert changed or constant == "cap", constant
-    restart = sensitivity.match_with(drive, sensitivity.Constants(restart=0.5), (0,))[0]
+    restart = sensitivity.match_with(drive, sensitivity.Constants(restart=0.5))
     assert np.array_equal(restart, drive.coded({**robot, "filter_restart": 8}).match().place)
 
 
@@ -345,8 +345,8 @@ def test_each_constant_is_varied_and_a_pair_is_left_out_of_the_choice():
         for row in sensitivity.measure(Draw(pair, 0, True))
         for row in [{**row, "drives": name}]
     ]
-    assert len(rows) == 2 * 2 * sum(map(len, sensitivity.VARIED.values()))
-    assert len(sensitivity.figure(rows).axes) == 4  # live and late, of both
+    assert len(rows) == 2 * sum(map(len, sensitivity.VARIED.values()))
+    assert len(sensitivity.figure(rows).axes) == 2
     # on the streets half the cost of a restart is best, on the walk the largest evidence halved
     for row in rows:
         street = row["drives"].startswith("street")

@@ -659,7 +659,7 @@ def test_a_message_names_arguments_in_python_and_flags_on_the_command_line(tmp_p
 @pytest.mark.parametrize(
     ("text", "shown"),
     [
-        ("leave every= out, or set delay=0", "leave --every out, or set --delay 0"),
+        ("leave every= out, or set exclusion=0", "leave --every out, or set --exclusion 0"),
         ("pass columns='-txyp'", "pass --columns=-txyp"),
         ("add smooth=False; overwrite=True", "add --no-smooth; --overwrite"),
         ("give max_gap_s= or start=", "give --longest-gap or start="),
@@ -667,7 +667,7 @@ def test_a_message_names_arguments_in_python_and_flags_on_the_command_line(tmp_p
     ],
 )
 def test_arguments_become_the_flags_that_the_verb_has(text, shown):
-    flags = "--every --delay --columns --smooth --no-smooth --overwrite --longest-gap"
+    flags = "--every --exclusion --columns --smooth --no-smooth --overwrite --longest-gap"
     with verbosity(Verbosity.NORMAL, [], [*flags.split(), "--track-offset"]):
         assert in_flags(text) == shown
     assert in_flags(text) == text

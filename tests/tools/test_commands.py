@@ -20,8 +20,7 @@ from edge_vpr_tools.research.experiments.plots import dots
 from streams import random_events, write_drives
 
 from edge_vpr.archive import write_archive
-from edge_vpr.events import Sensor, join_events
-from edge_vpr.live.protocols import open_encoder
+from edge_vpr.events import Sensor
 from edge_vpr.matching.matches import Matches
 from edge_vpr.recordings import Recording, open_recording, write_recording
 from edge_vpr.reference_map import MatchResult, ReferenceMap
@@ -476,38 +475,6 @@ def test_calibrating_from_copies_of_a_match_is_noted(drive, capsys, tmp_path):
     assert main(["calibrate", folder, "-o", str(none)]) == 2
     assert "has moved or changed since the evaluation" in capsys.readouterr().err
     assert not none.exists()
-
-
-def test_a_delay_gives_the_same_matches_offline_online_and_live(drive, capsys, tmp_path):
-    """And those are surer, as later windows have decided with."""
-    flags = ["--pixels", "5", "--tau", "100ms", "--sigma", "1", "--delay", "3"]
-    mapped, query = str(tmp_path / "map.npz"), str(drive / "query.npz")
-    assert main(["map", str(drive / "reference.npz"), "-o", mapped, *flags]) == 0
-    whole, live = tmp_path / "whole", tmp_path / "live"
-    match = ["match", mapped, query, "--no-figures"]
-    assert main([*match, "-o", str(whole), "--no-smooth"]) == 0
-    assert main([*match, "-o", str(live), "--online"]) == 0
-    assert main([*match, "-o", str(tmp_path / "at_once"), "--no-smooth", "--delay", "0"]) == 0
-    names = ("whole", "live", "at_once")
-    batch, online, at_once = (Matches.load(tmp_path / n / "matches.npz") for n in names)
-    for column in ("place", "distance_sum", "second", "trust", "probability"):
-        assert np.array_equal(getattr(online, column)[: len(batch)], getattr(batch, column))
-    assert batch.trust.tolist() != at_once.trust.tolist()
-    sent, log = tmp_path / "sent.bin", tmp_path / "run.jsonl"
-    encoder = open_encoder("evpr", Sensor(16, 12))
-    events = join_events(list(open_recording(query)))
-    sent.write_bytes(encoder.start() + encoder.encode(events))
-    stream = ["stream", "--port", str(sent), "--protocol", "evpr", "--map", mapped, "--once"]
-    assert main([*stream, "--log", str(log)]) == 0
-    lines = map(json.loads, log.read_text().splitlines())
-    streamed = [line for line in lines if line["kind"] == "match"]
-    assert [line["place"] for line in streamed] == online.place.tolist()
-    assert [line["trust"] for line in streamed] == online.trust.tolist()
-    capsys.readouterr()
-    assert main([*stream, "--every", "50ms"]) == 2
-    assert "leave --every out, or set --delay 0" in capsys.readouterr().err
-    assert main([*match, "-o", str(tmp_path / "smoothed"), "--delay", "2"]) == 0
-    assert "--delay has no effect on a drive that is smoothed whole" in capsys.readouterr().err
 
 
 def test_a_map_says_that_its_places_are_at_half_windows(drive, tmp_path, capsys):

@@ -220,7 +220,6 @@ with open(folder + "/sent.bin", "wb") as sent:
 before = signatures()
 stream = ["stream", "--port", folder + "/sent.bin", "--protocol", "evpr", "--once", "--json"]
 assert main([*stream, "--map", folder + "/map.npz"]) == 0
-assert main([*stream, "--map", folder + "/map.npz", "--delay", "2"]) == 0
 match = ["-q", "match", metred, drives[1], *ways[1], "--no-figures", "-o"]
 assert main([*match, folder + "/recorded"]) == 0
 assert main([*match, folder + "/online", "--online"]) == 0

@@ -36,7 +36,7 @@ SETTINGS = (
     "--counter-code log --counter-bits 3 --counter-scaling shared "
     "--hot-pixels {f}/hot.txt --bursts keep --sequence-length 2 --exclusion 1"
 )
-FILTER = "--matching filter --filter-restart 20 --precision 0.5 --delay 0 --stays-on-map"
+FILTER = "--matching filter --filter-restart 20 --precision 0.5 --stays-on-map"
 STREAM = "stream --port {f}/sent.bin --protocol evpr"
 PROFILE = "profile --map {f}/map.npz --recording {f}/query.npz --quick --window-s 0.1 --pairs 5"
 
@@ -83,7 +83,6 @@ RUNS = [
     ("match {f}/wide_map.npz {f}/query.npz -o {f}/registered --register --no-figures", 0),
     ("match {f}/filter_map.npz {f}/query.npz -o {f}/fed --online --every 50ms --no-figures "
      "--no-smooth --no-stays-on-map --odometry {f}/odometry.csv", 0),
-    ("match {f}/filter_map.npz {f}/query.npz -o {f}/late --online --delay 2 --no-figures", 0),
     (f"match {{f}}/map.npz {{f}}/table.txt -o {{f}}/table --no-figures {TABLE}", 0),
     ("match {f}/map.npz {f}/query.h5 -o {f}/topic --no-figures --sensor 16x12 --topic left", 0),
     ("match {f}/frames_map.npz {f}/frames.npz -o {f}/windows --no-figures --frame-period 1/10 "
@@ -108,8 +107,6 @@ RUNS = [
     (f"{STREAM} --map {{f}}/map.npz --once --http 0 --status-every 2s", 0),
     # a broker that is not there: the run goes on; 2: the library is an extra
     (f"{STREAM} --map {{f}}/filter_map.npz --once --smooth", 2),
-    (f"{STREAM} --map {{f}}/filter_map.npz --once --delay 3", 0),
-    (f"{STREAM} --map {{f}}/filter_map.npz --once --delay 3 --every 50ms", 2),
     ("match {f}/filter_map.npz {f}/query.npz -o {f}/smooth --online --smooth", 2),
     (f"{STREAM} --once --sensor 16x12 --learn -o {{f}}/learnt.npz {SETTINGS} --no-smooth "
      "--no-stays-on-map --places-per-window 2", 0),

@@ -151,7 +151,6 @@ def test_the_report_shows_route_error_and_the_worst_windows(street):
         ((), "smoothed", "accepted as at precision 0.99"),
         (("--precision", 0.9), "smoothed", "accepted at precision 0.9"),
         (("--no-smooth",), "live", "accepted as at precision 0.99"),
-        (("--no-smooth", "--delay", 2), "delayed", "accepted as at precision 0.99"),
         (
             ("--online", "--every", "window", "--precision", 0.5),
             "live",

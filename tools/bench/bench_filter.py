@@ -17,7 +17,6 @@ from fixedpoint.activity import ACTIVITY_COSTS, SAME_ROW
 PLACES, WINDOWS, J = 641, 724, 150
 SMOOTHED = PRESETS["default"]
 FILTER = replace(SMOOTHED, smooth=False)
-DELAYED = replace(FILTER, delay=4)
 SEQUENCES = replace(FILTER, matching="sequence")
 
 
@@ -70,7 +69,6 @@ def distances_alone():
     [
         (OURS, ours(FILTER), True, {}),
         ("NumPy, places alone", by_numpy(), True, {"rounds": 5}),
-        ("edge-vpr, 4 windows late", ours(DELAYED), False, {}),
         ("edge-vpr, smoothed", ours(SMOOTHED), False, {}),
         ("edge-vpr, sequences of 5", ours(SEQUENCES), False, {}),
         ("distances alone", distances_alone(), False, {"limit": True}),

@@ -76,7 +76,7 @@ _FLAGS_OF = {
 #: Flags that are named as those of map where the command has none, since the map is to be made
 #: in another way.
 _OF_MAP = ("--track", "--odometry", "--tau", "--hot-pixels", "--places-per-window")
-#: An argument as messages of the library name it: ``sensor=``, ``sensor='346x260'``, ``delay=0``.
+#: An argument as messages of the library name it: ``sensor=``, ``sensor='9x7'``, ``exclusion=0``.
 _ARGUMENT = re.compile(
     r"(?<![\w/.-])([a-z][a-z_]*)=(?:'([^']*)'|(True|False|[0-9]+))?(?=[\s,;:)]|$)|(Track\.shifted)\b"
 )

@@ -121,8 +121,6 @@ def _run(
     for causal_bursts in (False, True):
         LiveLocaliser(decoder, reference, schedule, causal_bursts=causal_bursts).finish()
     if settings.matching == "filter":
-        delayed = replace(reference.settings, smooth=False, delay=1)
-        LiveLocaliser(decoder, reference.matched_with(delayed)).finish()
         metred = replace(reference, odometer_mm=np.arange(len(reference), dtype=np.int64))
         bursts = BurstFilter(first.sensor)
         warm_up([

@@ -175,16 +175,13 @@ def with_match_flags(
         if args.smooth:
             raise UsageError(
                 "--smooth needs all windows after each one, which are not known online: leave it "
-                "out, or wait for some of them with --delay"
+                "out"
             )
         settings = replace(settings, smooth=False)
     changed = settings.replaced(match_flags(args), "the command line")
     _warn_of_no_effect(args, changed, _of_group(_MATCHING_GROUP))
-    filters = changed.matching == "filter"
-    if args.delay and filters and changed.smooth:
-        warning("--delay has no effect on a drive that is smoothed whole: add --no-smooth")
-    if args.stays_on_map and filters and (changed.smooth or changed.delay):
-        warning("--stays-on-map is for matches at once: add --no-smooth, and no --delay")
+    if args.stays_on_map and changed.matching == "filter" and changed.smooth:
+        warning("--stays-on-map is for live matches: add --no-smooth")
     reference.check_asked(changed)
     return reference.matched_with(changed)
 

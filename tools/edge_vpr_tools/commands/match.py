@@ -83,7 +83,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="WHEN",
         help="with --online, when to give a match: event (after each one at a selected pixel), "
         "after N events, after a time such as 10ms, window (after each one), or change (when the "
-        "place changes) (default: event; window with --delay); by events, more matches come where "
+        "place changes) (default: event); by events, more matches come where "
         "more is seen, and shares of all matches shift with them",
     )
     parser.add_argument_group("mounting").add_argument(
@@ -216,7 +216,7 @@ def _match_online(
     if args.frames_as_windows:
         raise UsageError("--online needs events: leave --frames-as-windows out")
     causal = asked.causal()
-    every = args.every or ("window" if causal.settings.match_delay else "event")
+    every = args.every or "event"
     recording = open_from(args, args.recording, reference.camera)
     bursts = BurstFilter(reference.pixel_map.sensor)
     warm_up_shown(

@@ -102,7 +102,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     places.add_argument(
         "--every", metavar="WHEN",
         help="when to give a match: after a time such as 50ms, after N events, after each event or "
-        "window, or after each change of the place (default: 50ms; window with --delay); by "
+        "window, or after each change of the place (default: 50ms); by "
         "events, more matches come where more is seen, and shares of all matches shift with them",
     )  # fmt: skip
     places.add_argument(

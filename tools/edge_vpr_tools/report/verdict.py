@@ -45,8 +45,7 @@ class Outcome:
         settings = self.matches.settings
         if settings.matching != "filter":
             return "matches"
-        late = "delayed" if settings.match_delay else "live"
-        return f"{'smoothed' if settings.smooth else late} matches"
+        return f"{'smoothed' if settings.smooth else 'live'} matches"
 
     @property
     def title(self) -> str:

@@ -26,7 +26,7 @@ import numpy.typing as npt
 from edge_vpr import __version__
 from edge_vpr.confidence import (
     DEFAULT_TABLES,
-    LEARNT_DELAYS,
+    LIVE,
     LIVE_ON_MAP,
     SMOOTHED,
     TABLES,
@@ -273,11 +273,9 @@ def scrambled(pair: MappedPair, rng: np.random.Generator) -> dict[str, MappedPai
 
 #: settings of the matches that each table is for
 MATCHINGS: Mapping[str, Mapping[str, Any]] = {
-    **{str(delay): {"smooth": False, "delay": delay} for delay in LEARNT_DELAYS},
+    LIVE: {"smooth": False},
     SMOOTHED: {"smooth": True},
 }
-#: the one of live matches without delay
-AT_ONCE = "0"
 
 
 class Sample(NamedTuple):
@@ -332,7 +330,7 @@ def learn(seeds: int, folder: Path, on_start: Callable[[str], None]) -> None:
                 for name, changes in MATCHINGS.items():
                     some = sample(changed.with_settings(changes))
                     found[name].append(some)
-                    if version == WHOLE and name == AT_ONCE:
+                    if version == WHOLE and name == LIVE:
                         on_map.append(some)
         before = street.drives[_ELSEWHERE]
     made = {
@@ -389,11 +387,6 @@ START_EVERY, GIVEN = 10, 120
 _LEFT = 20
 
 
-def described(name: str) -> str:
-    """Return one of `MATCHINGS` as the tables name it."""
-    return {SMOOTHED: "smoothed", AT_ONCE: "live"}.get(name, f"{name} windows late")
-
-
 def evaluate_tables(
     versions: Mapping[str, Sequence[MappedPair]],
     matchings: Sequence[str],
@@ -415,17 +408,14 @@ def evaluate_tables(
         for version, pairs in versions.items():
             changed = [pair.with_settings(MATCHINGS[name]) for pair in pairs]
             settings = changed[0].reference.settings
-            table, on_map = (
-                default_confidence(settings.smooth, settings.match_delay, stays)
-                for stays in (False, True)
-            )
-            row = {"map": version, "matching": described(name), LEARNT_ON: learnt_on}
+            table, on_map = (default_confidence(settings.smooth, stays) for stays in (False, True))
+            row = {"map": version, "matching": name, LEARNT_ON: learnt_on}
             found = [sample(pair) for pair in changed]
-            stays = _if_on_map(figures_of_table(on_map, found)) if name == AT_ONCE else {}
+            stays = _if_on_map(figures_of_table(on_map, found)) if name == LIVE else {}
             yield {**row, **figures_of_table(table, found), **stays}
             if version == WHOLE and name in switched_on:
                 row["map"] = SWITCHED_ON
-                stays = _if_on_map(first_confident(on_map, changed)) if name == AT_ONCE else {}
+                stays = _if_on_map(first_confident(on_map, changed)) if name == LIVE else {}
                 yield {**row, **first_confident(table, changed), **stays}
 
 
@@ -492,7 +482,7 @@ def first_confident(
     waits: dict[float, list[tuple[float, bool]]] = {0.95: [], 0.99: []}
     starts = 0
     for pair in pairs:
-        windows, delay = len(pair.counted), pair.reference.settings.match_delay
+        windows = len(pair.counted)
         for start in range(0, windows - _LEFT, START_EVERY):
             if not pair.truth.known[start]:
                 continue
@@ -505,8 +495,7 @@ def first_confident(
                 confident = np.flatnonzero(given >= least)
                 if confident.size:
                     j = int(confident[0])
-                    given_at = min(j + delay, len(matches) - 1)
-                    lasted = rest.counted.end_us[given_at] - rest.counted.start_us[0]
+                    lasted = rest.counted.end_us[j] - rest.counted.start_us[0]
                     correct = bool(pair.truth.correct[matches.place[j], start + j])
                     found.append((float(lasted) / 1e6, correct))
     row: dict[str, float | int | None] = {"starts": starts}
@@ -533,7 +522,7 @@ def unseen_street(seed: int) -> dict[str, list[MappedPair]]:
 
 def measure(draw: Draw) -> Iterator[Row]:
     """Evaluate every table on all drives of one street."""
-    yield from evaluate_tables(draw.pair, list(MATCHINGS), (AT_ONCE,))
+    yield from evaluate_tables(draw.pair, list(MATCHINGS), (LIVE,))
 
 
 EXPERIMENT = Experiment(

@@ -63,7 +63,6 @@ BEST = "place filter, contrast, smoothed (default)"
 #: the same with the default's places, which are at half windows where events were recorded
 DEFAULTS: Mapping[str, Mapping[str, Any]] = {
     ROBOT: _ROBOT,
-    f"{ROBOT}, 4 windows late": {**_ROBOT, "delay": 4},
     BEST: {**_FILTER, **_CONTRAST, **_SMOOTH},
 }
 AT_WHOLE = ", places at whole windows"

@@ -48,7 +48,6 @@ LIGHTS: Mapping[str, str] = {
 }
 MATCHED: Mapping[str, Mapping[str, Any]] = {
     "live": {"smooth": False},
-    "4 windows late": {"smooth": False, "delay": 4},
     "recorded": {},
 }
 

@@ -71,7 +71,6 @@ def decoders(length: int) -> dict[str, Decoder]:
         found[name] = Decoder(sequences, lag)
     for name, changes, filter_lag in (
         ("place filter, live", {"smooth": False}, 0),
-        ("place filter, 4 windows late", {"smooth": False, "delay": 4}, 4),
         ("place filter, recorded", {}, None),
     ):
         found[name] = Decoder(_DEFAULT.replaced(changes, name), filter_lag)
@@ -101,7 +100,7 @@ OURS = "edge-vpr, places at whole windows"
 
 
 #: of a `Decoder`, the settings that match the default's own distances
-_DECODED = ("matching", "smooth", "delay", "precision", "sequence_length")
+_DECODED = ("matching", "smooth", "precision", "sequence_length")
 
 
 def our_systems(pair: CountedPair, seed: int) -> Iterator[System]:

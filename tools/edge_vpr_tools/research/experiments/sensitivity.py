@@ -10,7 +10,7 @@ out, which chose nothing.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -27,10 +27,7 @@ from edge_vpr.descriptors.windows import (
 )
 from edge_vpr.matching.distances import ReferenceIndex, typical_distances
 from edge_vpr.matching.evidence import EVIDENCE_TOP, evidence_of, reciprocal_of_spread, weight_of
-from edge_vpr.matching.place_filter import WindowRows, write_match
 from edge_vpr.matching.prediction import METRIC_TOP, TransitionCosts, Transitions, predict
-from edge_vpr.matching.search import least_and_second
-from edge_vpr.matching.smoothing import FixedLag
 from edge_vpr.matching.trust import FIRST_MISFIT, reported_misfit, update_misfit, window_misfit
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr_tools.report.tables import TableView
@@ -84,10 +81,8 @@ def transitions_of(reference: ReferenceMap, constants: Constants) -> Transitions
     return found
 
 
-def match_with(
-    pair: MappedPair, constants: Constants, delays: Sequence[int]
-) -> dict[int, npt.NDArray[np.int64]]:
-    """Match window by window as on a robot; return the place of each window, by delay."""
+def match_with(pair: MappedPair, constants: Constants) -> npt.NDArray[np.int64]:
+    """Match window by window as on a robot; return the place of each window."""
     coded = pair.coded(DEFAULTS[ROBOT]).reference
     queries = coded.coded(pair.counted)
     distances = ReferenceIndex(coded.places.counts).rows(queries.counts)
@@ -95,14 +90,12 @@ def match_with(
     cap, doubted = (round(of * EVIDENCE_TOP) for of in (constants.cap, constants.doubted))
     typical, misfit = typical_distances(coded.places.counts), FIRST_MISFIT
     mean, scale = activity_of_drive(coded.places.selected_events), 0
-    rows = WindowRows.empty(*distances.shape)
-    rows.factor[:] = 0  # the misfit of late matches, which is not used
+    places = np.empty(len(distances), dtype=np.int64)
     metric = np.zeros(distances.shape[1], dtype=np.int32)
     unweighted = np.zeros(metric.size, dtype=np.uint8)
     prediction = np.zeros(metric.size, dtype=np.int16)
     for i, events in enumerate(queries.selected_events.tolist()):
         activity = activity_of(events, mean)
-        rows.activity[i] = activity
         if i:
             predict(metric, transitions.table, activity, prediction)
         pause = is_pause(events, mean)
@@ -113,29 +106,19 @@ def match_with(
         moves = activity >= DOUBT_ACTIVITY
         doubts = moves and reported_misfit(misfit) >= DOUBT_FROM
         limited = np.minimum(unweighted, min(cap, doubted) if doubts else cap)
-        evidence = (limited * weight).astype(np.int64) >> WEIGHT_BITS
-        rows.evidence[i] = np.minimum(evidence, EVIDENCE_TOP)
-        metric = np.minimum(prediction + rows.evidence[i], METRIC_TOP).astype(np.int32)
-        rows.metrics[i] = metric
-        write_match(metric, *least_and_second(metric, transitions.table.exclusion), rows.columns[i])
+        weighted = (limited * weight).astype(np.int64) >> WEIGHT_BITS
+        evidence = np.minimum(weighted, EVIDENCE_TOP).astype(np.uint8)
+        metric = np.minimum(prediction + evidence, METRIC_TOP).astype(np.int32)
+        places[i] = place = int(metric.argmin())
         if moves and not pause:
-            whole, place = weight_of(activity), int(rows.columns[i, 0])
+            whole = weight_of(activity)
             against = ((unweighted.astype(np.int64) * whole) >> WEIGHT_BITS).astype(np.uint8)
             of_window = window_misfit(against, place, typical, scale * whole, 1 << WEIGHT_BITS)
             misfit = update_misfit(misfit, of_window, scale * whole)
         if not pause:
             scale = reciprocal_of_spread(distances[i])
         mean = mean_activity_after(mean, events)
-    return {delay: _delayed(rows, transitions, delay) for delay in delays}
-
-
-def _delayed(rows: WindowRows, transitions: Transitions, delay: int) -> npt.NDArray[np.int64]:
-    """Return the place of each window, decided some windows later."""
-    if not delay:
-        return rows.columns[:, 0].copy()
-    lag = FixedLag(transitions, delay)
-    columns, _ = lag.add(rows, [None] * len(rows.columns))
-    return np.concatenate([columns, lag.finish()[0]])[:, 0]
+    return places
 
 
 # The constants that are varied, and what is chosen by the other drives.
@@ -157,7 +140,6 @@ SHOWN = {
     "steps": "costs of steps",
     "doubted": "largest evidence at high misfit",
 }
-DELAYS = {"live": 0, "4 windows late": 4}
 CONSTANT, TIMES = "constant", "times the default"
 #: streets of these kinds, of those of `place_filter`
 KINDS = ("street", "street, 3 stops", "street, low sun")
@@ -185,25 +167,21 @@ def measure(draw: Draw) -> Iterator[Row]:
                 correct, chance = (
                     default if times == 1 else (_correct(pair, varied), _correct(null, varied))
                 )
-                for name in DELAYS:
-                    yield {
-                        DRIVES: drives_name,
-                        CONSTANT: SHOWN[constant],
-                        TIMES: times,
-                        "matching": name,
-                        CHOSEN_ON: BY_US if times == 1 else VARIED_ALONE,
-                        "P@100R": correct[name],
-                        NULL: chance[name],
-                    }
+                yield {
+                    DRIVES: drives_name,
+                    CONSTANT: SHOWN[constant],
+                    TIMES: times,
+                    "matching": "live",
+                    CHOSEN_ON: BY_US if times == 1 else VARIED_ALONE,
+                    "P@100R": correct,
+                    NULL: chance,
+                }
 
 
-def _correct(pair: MappedPair, constants: Constants) -> dict[str, float]:
-    """Return the share of correct matches by the name of the delay."""
-    found, truth = match_with(pair, constants, list(DELAYS.values())), pair.truth
-    return {
-        name: float(truth.correct[found[delay], np.arange(len(found[delay]))][truth.known].mean())
-        for name, delay in DELAYS.items()
-    }
+def _correct(pair: MappedPair, constants: Constants) -> float:
+    """Return the share of correct matches."""
+    places, truth = match_with(pair, constants), pair.truth
+    return float(truth.correct[places, np.arange(len(places))][truth.known].mean())
 
 
 def left_out(rows: Rows) -> list[Row]:
@@ -248,14 +226,13 @@ def drives(data: Path | None) -> list[Drives]:
 
 
 def figure(rows: Rows) -> Figure:
-    """Draw correct matches over each constant: live in the first row of panels, delayed below."""
+    """Draw correct matches over each constant."""
     # of drives with several numbers of pixels the last one, which is the largest
     last = {row[DRIVES].rpartition(",")[0]: row[DRIVES] for row in rows}
     shown = set(last.values())
     varied = [row for row in rows if row[DRIVES] in shown and row[CHOSEN_ON] != BY_OTHERS]
-    varied.sort(key=lambda row: list(DELAYS).index(row["matching"]))
     return lines(
-        varied, x=TIMES, y="P@100R", line=CONSTANT, panel=("drives", "matching"), mark=1.0,
+        varied, x=TIMES, y="P@100R", line=CONSTANT, mark=1.0,
     )  # fmt: skip
 
 

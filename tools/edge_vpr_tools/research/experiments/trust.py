@@ -15,7 +15,7 @@ import numpy as np
 import numpy.typing as npt
 from matplotlib.figure import Figure
 
-from edge_vpr.confidence import SMOOTHED, Confidence, default_confidence
+from edge_vpr.confidence import LIVE, SMOOTHED, Confidence, default_confidence
 from edge_vpr.errors import UsageError
 from edge_vpr.evaluation.calibration import learn_confidence
 from edge_vpr.evaluation.ground_truth import GroundTruth
@@ -34,7 +34,6 @@ from edge_vpr_tools.research.experiments.calibration import (
     WHOLE,
     Sample,
     carried_off,
-    described,
     evaluate_tables,
     learnt_seeds,
     sample,
@@ -46,9 +45,8 @@ from edge_vpr_tools.research.experiments.experiment import Draw, Drives, Experim
 from edge_vpr_tools.research.experiments.pairs import MappedPair, Pair, Tracks
 from edge_vpr_tools.research.experiments.plots import dots
 
-#: of `MATCHINGS`, those that are evaluated, and those that a robot can use
-LIVE = ("4", "0")
-EVALUATED = (SMOOTHED, *LIVE)
+#: of `MATCHINGS`, in the order of the table
+EVALUATED = (SMOOTHED, LIVE)
 #: places that are cut out of the map of Brisbane's counts; of other maps, it is the third quarter
 _CUT = (220, 330)
 _NULLS = 11  # random stream that shuffles windows and pixels
@@ -122,9 +120,9 @@ def measure(draw: Draw) -> Iterator[Row]:
     if pair.tracks is not None:
         for name in EVALUATED:
             found = interval(pair.tracks, mapped.with_settings(MATCHINGS[name]))
-            others[WHOLE, described(name)] |= found
+            others[WHOLE, name] |= found
     yield from with_a_drive_of_ones_own(mapped)
-    for row in evaluate_tables(versions, EVALUATED, LIVE):
+    for row in evaluate_tables(versions, EVALUATED, (LIVE,)):
         yield {**row, **others.get((row["map"], row["matching"]), {})}
 
 
@@ -145,7 +143,7 @@ def with_a_drive_of_ones_own(whole: MappedPair) -> Iterator[Row]:
         settings, middle = pair.reference.settings, len(pair.counted) // 2
         first, second = sample(pair, 0, middle), sample(pair, middle)
         learnt = learn_confidence(first.trust, first.correct)
-        shipped = default_confidence(settings.smooth, settings.match_delay, False)
+        shipped = default_confidence(settings.smooth)
         for learnt_on, accepted in (
             (f"streets of seeds {learnt_seeds()[0]} to {learnt_seeds()[1]}",
              second.trust >= shipped.least_trust(PRECISION)),
@@ -155,7 +153,7 @@ def with_a_drive_of_ones_own(whole: MappedPair) -> Iterator[Row]:
             counts = evaluate_rejection(second.trust, second.correct, second.has_place, accepted)
             yield {
                 "map": SECOND_HALF,
-                "matching": described(name),
+                "matching": name,
                 LEARNT_ON: learnt_on,
                 "windows": second.trust.size,
                 "accepted at 0.99": float(accepted.mean()),
