@@ -81,7 +81,7 @@ class WindowState(NamedTuple):
     activity: int
     paused: bool
     mean_shift: int | None  #: With contrast codes.
-    window_mean: int  #: With contrast codes; else 0.
+    window_mean: int | None  #: With contrast codes.
     # of the filter
     weight: int | None = None
     reciprocal: int | None = None  #: Scale of the evidence; None in a pause.
@@ -431,7 +431,7 @@ class Machine:
         activity = activity_of(self.counted, kept.mean_activity)
         levels: list[int] = []
         shift: int | None = None
-        shared = 0
+        shared: int | None = None
         if design.contrast:
             levels = [LEVELS[count] for count in self.counts]
             differences = differences_of(levels, kept.means)

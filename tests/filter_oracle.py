@@ -124,14 +124,14 @@ def drive_of(
 
 def filtered(
     reference: ReferenceMap, coded: Rows, events: list[int], begin: Begin
-) -> list[tuple[int, int, int, int, int]]:
-    """Place, metric, second, its metric and trust after each window."""
+) -> list[tuple[int, int, int, int, int, int]]:
+    """Place, metric, second, its metric, ties and trust after each window."""
     return list(map(row_of_match, drive_of(reference, coded, events, begin).live()))
 
 
 def smoothed(
     reference: ReferenceMap, coded: Rows, events: list[int]
-) -> list[tuple[int, int, int, int, int]]:
+) -> list[tuple[int, int, int, int, int, int]]:
     """The same of each window by all those before and after it."""
     begin = begin_of(reference)
     drives = [
@@ -141,8 +141,8 @@ def smoothed(
     return list(map(row_of_match, likelier(drives).smoothed()))
 
 
-def row_of_match(match: DriveMatch) -> tuple[int, int, int, int, int]:
-    """Place, metric, second, its metric and trust; -1 for a second that there is not."""
+def row_of_match(match: DriveMatch) -> tuple[int, int, int, int, int, int]:
+    """Place, metric, second, its metric, ties and trust; -1 for a second that there is not."""
     second = -1 if match.second is None else match.second
     second_sum = -1 if match.second_sum is None else match.second_sum
-    return match.place, match.sum, second, second_sum, match.trust
+    return match.place, match.sum, second, second_sum, match.ties, match.trust

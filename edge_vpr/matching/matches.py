@@ -170,7 +170,7 @@ class Matches(EqualByValue):
         Parameters
         ----------
         rows : ndarray of MATCH_DTYPE, shape (n,)
-            Each is a query: the window that was newest at its time. Ties are not counted.
+            Each is a query: the window that was newest at its time.
         """
         n, length = len(rows), settings.windows_per_match
         known = rows["second"] >= 0
@@ -184,7 +184,7 @@ class Matches(EqualByValue):
             distance_sum=np.rint(rows["distance"] * length).astype(np.int64),
             second=rows["second"],
             second_sum=np.where(known, np.rint(second * length), -1).astype(np.int64),
-            ties=np.zeros(n, dtype=np.int64),
+            ties=rows["ties"],
             candidates=rows["place"][:, None],
             trust=rows["trust"],
             misfit=rows["misfit"],

@@ -21,6 +21,7 @@ from edge_vpr.matching.filter_match import (
     PLACE,
     SECOND,
     SECOND_METRIC,
+    TIES,
     TRUST,
 )
 from edge_vpr.matching.place_filter import FilterState, WindowRows, end_window, match_window
@@ -34,7 +35,7 @@ from edge_vpr.online.sliding_windows import (
     recode,
     take_moves,
 )
-from edge_vpr.online.sums import least_in
+from edge_vpr.online.sums import least_in, ties_behind
 
 # Kernels that match: the best place and the confidence in it.
 
@@ -67,6 +68,7 @@ def sequence_match(sums, total, c, length, row):
     second, second_least = _second(sums, best, c.exclusion, places)
     best_sum, second_sum = np.int64(least) + total.common, np.int64(-1)
     row["place"], row["second"], row["trust"] = best + length - 1, -1, 0
+    row["ties"] = ties_behind(sums, total.sums, best, places)
     row["misfit"] = NO_MISFIT
     if second >= 0:
         row["second"] = second + length - 1
@@ -149,7 +151,7 @@ def match_now(state, filter_table, rows, sums, total, c, length, events, over, r
     if c.change and best == c.last_reported:
         return False
     c.last_reported = best
-    row["place"], row["second"] = best, found[SECOND]
+    row["place"], row["second"], row["ties"] = best, found[SECOND], found[TIES]
     row["trust"], row["misfit"] = found[TRUST], found[MISFIT]
     write_distances(row, found[METRIC], found[SECOND_METRIC], 1)
     return True

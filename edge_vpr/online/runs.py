@@ -58,6 +58,7 @@ class MatchRow(NamedTuple):
     second: int  #: Best place outside the exclusion zone; -1 if there is none.
     second_distance: float  #: Its distance; NaN if there is none.
     ratio: float  #: `distance` / `second_distance`; NaN if there is no second place.
+    ties: int  #: Other places with the same distance.
     events: int  #: Number in the newest window, at the selected pixels.
     start_us: int  #: Start of the newest window.
     #: See `filter_match.FilterMatch`, with sequences the margin; higher means more confident.

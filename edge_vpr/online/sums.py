@@ -175,6 +175,22 @@ def _vector_find(typing_context, sums, start, value):
     return types.int64(sums, start, sums.dtype), codegen
 
 
+@intrinsic
+def _vector_count(typing_context, sums, start, lanes, value):
+    """Return how many of the first 1 to LANES sums from `start` on have a value."""
+
+    def codegen(context, builder, signature, arguments):
+        data = context.make_array(signature.args[0])(context, builder, arguments[0]).data
+        vector = ir.VectorType(ir.IntType(sums.dtype.bitwidth), LANES)
+        equal = builder.icmp_unsigned(
+            "==", _load(builder, data, arguments[1], vector), _splat(builder, arguments[3])
+        )
+        others = builder.sub(ir.Constant(_I64, LANES), arguments[2])
+        return builder.ctpop(builder.shl(builder.bitcast(equal, _I64), others))
+
+    return types.int64(sums, start, lanes, sums.dtype), codegen
+
+
 if config.DISABLE_JIT:
 
     def change_sums(sums, columns, changes, arrivals, expiries, start, stop):
@@ -191,6 +207,9 @@ if config.DISABLE_JIT:
 
     def _first_equal(sums, start, stop, value):
         return start + int(np.argmax(sums[start:stop] == value))
+
+    def _count(sums, start, stop, value):
+        return np.count_nonzero(sums[start:stop] == value)
 
 else:
 
@@ -240,6 +259,14 @@ else:
                 return i + lane
             i += LANES
 
+    @kernel(inline="always")
+    def _count(sums, start, stop, value):
+        found = 0
+        for i in range(start, stop, LANES):
+            # reading past `stop` is harmless: the array ends with padding
+            found += _vector_count(sums, i, min(LANES, stop - i), value)
+        return found
+
 
 @kernel(inline="always")
 def least_in(sums, count, start, stop):
@@ -269,6 +296,26 @@ def least_in(sums, count, start, stop):
         if best_block < 0 or least < best:
             best_block, best = block, least
     return _first_equal(sums, max(start, best_block * BLOCK), stop, best), best
+
+
+@kernel(inline="always")
+def ties_behind(sums, count, best, stop):
+    """Return how many of ``sums[best + 1 : stop]``, none of which is smaller, equal ``sums[best]``.
+
+    Parameters
+    ----------
+    sums, count
+        See `least_in`.
+    best, stop : int
+        ``best < stop <= count``.
+    """
+    ties = 0
+    for block in range(best // BLOCK, (stop - 1) // BLOCK + 1):
+        # the block may be smaller behind `stop`
+        if sums[count + LANES + block] <= sums[best]:
+            first, end = max(best + 1, block * BLOCK), min(stop, (block + 1) * BLOCK)
+            ties += _count(sums, first, end, sums[best])
+    return ties
 
 
 @kernel(inline="always")

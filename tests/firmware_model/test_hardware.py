@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import re
 import shutil
 import subprocess
@@ -106,6 +107,21 @@ def test_icarus_compiles_the_core_and_its_bench_without_a_warning(vectors, tmp_p
     files = map(str, [package, *(vectors / "rtl").glob("*.sv")])
     done = subprocess.run([*command, *files], capture_output=True, text=True)
     assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
+
+
+@needs_iverilog
+def test_a_case_is_verified_as_the_page_does_it_without_python(vectors, tmp_path):
+    """In the folder of a case; the exit code says that all is equal."""
+    page = (Path(__file__).parents[2] / "docs" / "hardware.md").read_text(encoding="utf-8")
+    commands = page.partition("Without Python")[2].split("```")[1]
+    shutil.copytree(vectors, tmp_path / "vectors")
+    path = os.pathsep.join((str(Path(sys.executable).parent), os.environ["PATH"]))
+    done = subprocess.run(
+        ["sh", "-e", "-c", commands], cwd=tmp_path / "vectors" / "corners" / "tie_of_two",
+        env=os.environ | {"PATH": path}, capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert "results.csv: 1 of " in done.stdout
 
 
 @needs_iverilog

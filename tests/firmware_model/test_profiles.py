@@ -55,10 +55,10 @@ class Driven(NamedTuple):
     matches: list[MatchResult]
 
     def same(self, rows: Sequence[Sequence[int]]) -> None:
-        """Hold place, sum, second place and its sum of all matches to those of the device."""
+        """Hold place, sum, second place, its sum, and ties of all matches to the device's."""
         expected = [
             (m.place, m.sum, -1 if m.second is None else m.second,
-             -1 if m.second_sum is None else m.second_sum)
+             -1 if m.second_sum is None else m.second_sum, m.ties)
             for m in self.matches
         ]  # fmt: skip
         assert len(expected) > 15
@@ -90,7 +90,16 @@ def test_recorded_matches_are_those_of_the_specification(driven):
     shift = length - 1 - length // 2  # from the middle window of a sequence to the newest
     second = np.where(found.second < 0, -1, found.second + shift)
     driven.same(
-        list(zip(found.place + shift, found.distance_sum, second, found.second_sum, strict=True))
+        list(
+            zip(
+                found.place + shift,
+                found.distance_sum,
+                second,
+                found.second_sum,
+                found.ties,
+                strict=True,
+            )
+        )
     )
 
 
@@ -101,7 +110,8 @@ def test_live_matches_are_those_of_the_specification(driven):
     pieces = cut_up(np.random.default_rng(3), driven.events, 20)
     found = np.concatenate([localiser.update(piece) for piece in pieces])
     rows = with_sums(found, settings.windows_per_match)
-    driven.same(rows[["place", "distance", "second", "second_distance"]].tolist())
+    names = ["place", "distance", "second", "second_distance", "ties"]
+    driven.same(rows[names].tolist())
 
 
 def test_the_firmware_returns_every_record_of_the_specification(driven, tmp_path):

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import csv
 import dataclasses
+import hashlib
 import inspect
 import json
 import re
 import warnings
 from fractions import Fraction
+from pathlib import Path
 from types import SimpleNamespace
 from typing import Any, get_type_hints
 
@@ -84,6 +86,36 @@ def test_a_map_equals_itself_after_saving_and_no_other_map(folder, route, tmp_pa
     matches = route.match(folder / "tuesday.npz").matches
     matches.save(tmp_path / "matches.npz")
     assert ev.Matches.load(tmp_path / "matches.npz") == matches
+
+
+def test_the_page_has_every_array_of_a_map_with_its_type_and_the_checksum(folder, tmp_path):
+    """A map that has most of them, read as somebody would who has the page alone."""
+    full = ev.ReferenceMap.build(
+        folder / "monday.npz", track=folder / "monday.csv",
+        odometry=ev.load_odometry(folder / "monday.csv"),
+        jumps=np.array([[0, 5]], dtype=np.int32), **SMALL,
+    )  # fmt: skip
+    learnt = full.update(folder / "tuesday.npz", track=folder / "tuesday.csv").reference
+    learnt.save(tmp_path / "map.npz")
+    page = (Path(__file__).parents[2] / "docs" / "outputs.md").read_text(encoding="utf-8")
+    told = {}
+    for row in re.findall(r"^\| (`.*)$", page.partition("## map.npz")[2], re.MULTILINE):
+        names, types, _ = row.split(" | ", 2)
+        names = re.findall(r"`(\w+)`", names)
+        types = types.replace(" or ", "|").split(", ")
+        told |= dict(zip(names, types * len(names) if len(types) == 1 else types, strict=True))
+    with np.load(tmp_path / "map.npz", allow_pickle=False) as file:
+        arrays = dict(file)
+    header = json.loads(str(arrays.pop("edge_vpr")))
+    assert len(arrays) > 14
+    for name, array in arrays.items():
+        assert str(array.dtype) in told[name].split("|"), name
+    checksum = header.pop("checksum")
+    found = hashlib.sha256(json.dumps(header).encode())
+    for name in sorted(arrays):
+        array = arrays[name]
+        found.update(f"\n{name} {array.dtype.str} {array.shape}\n".encode() + array.tobytes())
+    assert found.hexdigest() == checksum
 
 
 @pytest.mark.parametrize("kind", ["map", "matches", "state", "results", "design"])
