@@ -9,23 +9,24 @@ from pathlib import Path
 from typing import Any, Protocol
 
 from firmware_model.errors import BoardError, VectorError
+from firmware_model.specification import MatchResult
 from firmware_model.vectors.case import KINDS, Record
 from firmware_model.vectors.manifest import CaseEntry, load_manifest, read_case_file
 
 #: of ``c/replay.h``: the word with which a case begins, and records of the line alone
 MAGIC, READY, REFUSED = 0x43525056, 4, 5
-#: largest number of values in a record
-_LONGEST = 1 << 20
+#: bytes that one reading or writing waits for, so that a slow line is no silent one
+_PIECE = 1_024
 
 
 class Line(Protocol):
-    """What is used of a `serial.Serial` with a time limit."""
+    """What is used of a `serial.Serial` with time limits."""
 
     def read(self, size: int, /) -> bytes:
         """Return so many bytes, or fewer when the time is over."""
 
     def write(self, data: Any, /) -> Any:
-        """Send bytes."""
+        """Send bytes; raise OSError if the board takes none until the time is over."""
 
 
 @dataclass
@@ -57,13 +58,13 @@ def run_on_board(
     Parameters
     ----------
     line : serial.Serial
-        Open, with a time limit for reading.
+        Open, with time limits for reading and for writing.
     folder : path
         Folder of the vectors.
     case : str, optional
         The only case to run, as ``suite/name``.
     show : callable, optional
-        Called with the present case and how much of it is sent, whenever the board takes more.
+        Called with the present case, and with how much of it is sent whenever the board takes more.
 
     Raises
     ------
@@ -84,6 +85,7 @@ def run_on_board(
     returned = Returned()
     for number, (name, entry) in enumerate(chosen.items(), 1):
         counted = f"case {number} of {len(chosen)}, {name}"
+        show(counted)
         for sent in _run(line, Path(folder), name, entry, returned):
             show(f"{counted}: {sent:.0%} sent")
     return returned
@@ -97,17 +99,19 @@ def _run(
         read_case_file(folder, name, entry, file) for file in ("image.bin", "events.bin")
     )
     number = entry.number, entry.start % (1 << 32)
-    line.write(struct.pack("<5I", MAGIC, *number, len(image), len(events) // 8))
+    _write(line, struct.pack("<5I", MAGIC, *number, len(image), len(events) // 8), name)
+    longest = _longest(entry)
     left = data = image + events
     found: list[Record] = []
     # a device may return too many, but not without end
     most = 2 * (1 + entry.events + entry.windows + entry.matches) + 16
     while True:
         kind, count = struct.unpack("<2I", _read(line, 8, name))
-        if kind > REFUSED or not 0 < count <= (_LONGEST if 0 < kind < READY else 1):
+        if kind > REFUSED or not 0 < count <= longest[kind]:
+            of_kind = "" if kind > REFUSED else f" of its kind, which has {longest[kind]} values"
             raise BoardError(
-                f"{name}: the board sent {kind:#x} and {count:#x}, which begin no record: reset "
-                "it, and check --baud"
+                f"{name}: the board sent {kind:#x} and {count:#x}, which begin no record{of_kind}: "
+                "reset it, and check --baud"
             )
         values = struct.unpack(f"<{count}I", _read(line, 4 * count, name))
         if (kind == 0) == bool(found) or (not found and values != (entry.number,)):
@@ -133,17 +137,38 @@ def _run(
             return
         if kind == READY:
             yield 1 - len(left) / len(data)
-            line.write(left[: values[0]])
+            _write(line, left[: values[0]], name)
             left = left[values[0] :]
         else:
             found.append((KINDS[kind], values))
 
 
+def _longest(entry: CaseEntry) -> tuple[int, ...]:
+    """Return the most values of a record of the line, by its kind."""
+    event, window = 3, 2 + entry.design.slots
+    match = len(MatchResult._fields) - (not entry.design.filters)
+    return 1, event, window, match, 1, 1
+
+
 def _read(line: Line, size: int, name: str) -> bytes:
-    data = line.read(size)
-    if len(data) < size:
-        raise BoardError(
-            f"{name}: the board is silent: reset it, as after every run that was ended before its "
-            "end, check that it runs vpr_replay_line, and check --baud"
-        )
+    data = b""
+    while len(data) < size:
+        piece = min(size - len(data), _PIECE)
+        data += (came := line.read(piece))
+        if len(came) < piece:
+            raise BoardError(
+                f"{name}: the board is silent: reset it, as after every run that was ended before "
+                "its end, check that it runs vpr_replay_line, and check --baud"
+            )
     return data
+
+
+def _write(line: Line, data: bytes, name: str) -> None:
+    for at in range(0, len(data), _PIECE):
+        try:
+            line.write(data[at : at + _PIECE])
+        except OSError as error:
+            raise BoardError(
+                f"{name}: the board asks for bytes and does not take them ({error}): reset it, and "
+                "check that it reads its port"
+            ) from error

@@ -2,16 +2,21 @@
 
 from __future__ import annotations
 
+import os
+import pty
 import re
 import shutil
 import struct
 import subprocess
 import sys
+import threading
+import tty
 from dataclasses import replace
 from pathlib import Path
 
 import pytest
 from edge_vpr_tools.cli import main
+from edge_vpr_tools.commands import golden_verify
 
 from firmware_model import Design, VectorError
 from firmware_model.vectors import cases_within, run_on_board, standard_suites, write_suites
@@ -122,6 +127,9 @@ class Scripted:
         ((READY, 1, 0), "the number of the case"),
         ((0, 1, None, READY, 1, 1 << 30), "asks for more bytes than the case has"),
         ((0, 1, None, *(1, 2, 3, 4) * 10_000), "sends more records"),
+        ((0, 1, None, 1, 4), "sent 0x1 and 0x4, which begin no record of its kind, .* 3 values"),
+        ((0, 1, None, 2, 28), "which has 27 values"),
+        ((0, 1, None, 3, 9), "which has 8 values"),
     ],
 )
 def test_a_board_that_goes_wrong_is_named_with_its_case(vectors, words, says):
@@ -133,13 +141,77 @@ def test_a_board_that_goes_wrong_is_named_with_its_case(vectors, words, says):
     assert line.heard[:4] == struct.pack("<I", MAGIC)
 
 
+@pytest.fixture
+def port():
+    """Give the port of a board, and a function that starts what the board does."""
+    board, host = pty.openpty()
+    tty.setraw(host)
+    over = threading.Event()
+    threads = []
+
+    def start(does) -> str:
+        threads.append(threading.Thread(target=does, args=(board, over), daemon=True))
+        threads[-1].start()
+        return os.ttyname(host)
+
+    yield start
+    over.set()
+    for thread in threads:
+        thread.join(10)
+    os.close(board)
+    os.close(host)
+
+
+def asked(board: int) -> int:
+    """Read how a case begins; return its number."""
+    head = b""
+    while len(head) < 20:
+        head += os.read(board, 20 - len(head))
+    return struct.unpack("<5I", head)[1]
+
+
+def test_a_board_that_asks_and_does_not_read_is_given_up(vectors, port, capsys):
+    """It asks for all bytes of a case whose image no line buffers."""
+    design = Design(width=64, height=48, pixels=250, places=600, length=4, code_bits=3)
+    suites = {"random": standard_suites(design, 0, "random")["random"][:1]}
+    write_suites(vectors.parent / "large", design, suites, 0)
+    (name, entry), *_ = load_manifest(vectors.parent / "large").cases()
+    takes = entry.files["image.bin"].bytes + 8 * entry.events
+
+    def does(board: int, over: threading.Event) -> None:
+        os.write(board, struct.pack("<6I", 0, 1, asked(board), READY, 1, takes))
+        over.wait()
+
+    words = ["golden", "verify", str(vectors.parent / "large"), "--timeout", "0.5"]
+    assert main([*words, "--port", port(does)]) == 1
+    assert f"{name}: the board asks for bytes and does not take them" in capsys.readouterr().err
+    assert main([*words[:-1], "0", "--port", "none"]) == 2
+    assert "--timeout 0: expected seconds above 0" in capsys.readouterr().err
+
+
+def test_a_board_without_room_for_any_case_is_an_error(vectors, port, capsys, monkeypatch):
+    """And what it does is told in lines where there is no terminal."""
+    monkeypatch.setattr(golden_verify, "_PROGRESS_S", 0.0)
+    number = len(list((vectors / "filter").iterdir()))
+
+    def does(board: int, over: threading.Event) -> None:
+        for case in range(number):
+            os.write(board, struct.pack("<6I", 0, 1, asked(board), REFUSED, 1, 70_000 + case))
+
+    assert main(["golden", "verify", str(vectors), "--port", port(does)]) == 1
+    said = capsys.readouterr().err
+    assert re.search(rf"no case was run: {number} cases of more memory.*70,000 bytes", said)
+    assert f"case {number} of {number}, filter/" in said
+
+
 def test_each_step_of_a_case_is_shown(vectors):
     (name, number), shown = first_case(vectors), []
     taken = len((vectors / name / "image.bin").read_bytes())
     taken += len((vectors / name / "events.bin").read_bytes())
     half = Scripted(0, 1, number, READY, 1, taken // 2, READY, 1, taken - taken // 2, READY, 1, 0)
     run_on_board(half, vectors, name, shown.append)
-    assert shown == [f"case 1 of 1, {name}: {share} sent" for share in ("0%", "50%")]
+    shares = ("", ": 0% sent", ": 50% sent")
+    assert shown == [f"case 1 of 1, {name}{share}" for share in shares]
 
 
 def test_a_case_too_large_for_the_board_is_left_out_and_said(vectors):

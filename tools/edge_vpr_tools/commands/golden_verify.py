@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import argparse
+import sys
+import time
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from edge_vpr.errors import EdgeVprError, UsageError
-from edge_vpr_tools.console import note, status, summary
+from edge_vpr_tools.console import note, number_of, status, summary
 
 if TYPE_CHECKING:
     from firmware_model.vectors import Returned
@@ -16,8 +19,8 @@ EXAMPLES = """\
   edge-vpr golden verify vectors
   edge-vpr golden verify vectors --results device.csv --only match
   edge-vpr golden verify vectors --port /dev/ttyACM0"""
-#: after which a board that sends nothing is given up
-SILENCE_S = 10.0
+#: between two lines of progress where there is no terminal
+_PROGRESS_S = 10.0
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -37,6 +40,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     group.add_argument(
         "--baud", type=int, default=115_200, metavar="N", help="bits per second of the port"
     )
+    group.add_argument(
+        "--timeout", type=float, default=60.0, metavar="SECONDS",
+        help="after which a board that sends or takes nothing is given up",
+    )  # fmt: skip
     group.add_argument(
         "--case", metavar="SUITE/NAME",
         help="case that results without a `case` record belong to; with --port, the only one to "
@@ -65,6 +72,8 @@ def run(args: argparse.Namespace) -> None:
     if not set(kinds) <= set(COMPARED):
         raise UsageError(f"--only {args.only}: choose from {', '.join(COMPARED)}")
     found = _from_board(args, folder) if args.port else Returned(read_results(args.results))
+    if found.too_large and not found.records:
+        raise EdgeVprError(f"{source}: no case was run: {_too_large(found)}")
     verdict = verify(folder, found.records, case=args.case, kinds=kinds)
     compared = ", ".join(f"{number} of {kind}" for kind, number in verdict.compared.items())
     if verdict.differences:
@@ -82,26 +91,49 @@ def run(args: argparse.Namespace) -> None:
         )
     summary(f"{source}: {verdict.cases} of {verdict.known} cases, equal records: {compared}")
     if found.too_large:
-        name, size = min(found.too_large.items(), key=lambda one: one[1])
-        note(
-            f"{len(found.too_large)} cases need more memory than the board has: the smallest, "
-            f"{name}, {size:,} bytes"
-        )
+        note(_too_large(found))
+
+
+def _too_large(found: Returned) -> str:
+    name, size = min(found.too_large.items(), key=lambda one: one[1])
+    return (
+        f"{number_of(len(found.too_large), 'case')} of more memory than the board has: the "
+        f"smallest, {name}, needs {size:,} bytes"
+    )
+
+
+def _in_lines(show: Callable[[str], None]) -> Callable[[str], None]:
+    """Also print a line every `_PROGRESS_S` if standard error is no terminal."""
+    if sys.stderr.isatty():
+        return show
+    last = time.monotonic()
+
+    def shown(text: str) -> None:
+        nonlocal last
+        if time.monotonic() - last >= _PROGRESS_S:
+            last = time.monotonic()
+            note(text)
+
+    return shown
 
 
 def _from_board(args: argparse.Namespace, folder: Path) -> Returned:
     """Run the cases on the board at the port."""
+    if not args.timeout > 0:
+        raise UsageError(f"--timeout {args.timeout:g}: expected seconds above 0")
     import serial
 
     from firmware_model.vectors import run_on_board
 
     try:
         with (
-            serial.serial_for_url(args.port, args.baud, timeout=SILENCE_S) as line,
+            serial.serial_for_url(
+                args.port, args.baud, timeout=args.timeout, write_timeout=args.timeout
+            ) as line,
             status("cases on the board") as show,
         ):
             line.reset_input_buffer()
-            return run_on_board(line, folder, args.case, show)
+            return run_on_board(line, folder, args.case, _in_lines(show))
     except (serial.SerialException, OSError, ValueError) as error:
         raise EdgeVprError(
             f"cannot talk to a board at {args.port}: {error}: edge-vpr ports lists the ports"
