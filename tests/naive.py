@@ -287,15 +287,8 @@ def lagged_counts(
     return lags
 
 
-<<<<<<< HEAD
-def online_match(places: Matrix, lags: Matrix, exclusion: int) -> tuple[int, int, int, int]:
-    """Best and second place where the sequence can end now, and their summed distances."""
-=======
-def online_match(
-    places: Matrix, lags: Matrix, exclusion: int, recent: int = 0
-) -> tuple[int, int, int, int, int]:
+def online_match(places: Matrix, lags: Matrix, exclusion: int) -> tuple[int, int, int, int, int]:
     """Best and second place where the sequence can end now, their summed distances, and ties."""
->>>>>>> 68baf91d (match --online counts ties as a device does; pages name the layout of events.bin, the types and checksum of a map, and a command that ends with 0 where a case is verified without Python; counts have no window_mean)
     length = len(lags)
     ends = range(length - 1, len(places))
     sums = [sum(sad(places[k - i], lags[i]) for i in range(length)) for k in ends]
