@@ -61,8 +61,8 @@ Preset = Literal["default", "paper", "seed-code", "tiny"]
 
 
 _MICROSECONDS = {"us": 1, "ms": 1_000, "s": 1_000_000}
-#: of a restart, in units of evidence; devices have 10 bits for four times as much
-MOST_COST = 254
+#: of a restart, in units of evidence; devices have 7 bits for four times as much
+MOST_COST = 30
 
 
 def duration_us(text: str) -> int:
@@ -567,11 +567,6 @@ class Settings:
         return replace(self, places_per_window=reference.places_per_window)
 
     @property
-    def has_bank(self) -> bool:
-        """Whether the place filter follows several gains, see `edge_vpr.matching.bank`."""
-        return self.gains > 1
-
-    @property
     def running_mean(self) -> bool:
         """Whether own-mean codes of a query subtract a running mean, as on a robot.
 
@@ -654,7 +649,7 @@ class Settings:
         shared = (self.matching, self.exclusion)
         if self.matching == "sequence":
             return (*shared, self.sequence_length)
-        return (*shared, self.filter_restart, self.has_bank, self.smooth)
+        return (*shared, self.filter_restart, self.gains, self.smooth)
 
     @property
     def own_mean_code(self) -> OwnMeanCode | None:

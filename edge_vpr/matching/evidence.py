@@ -7,7 +7,7 @@ import numpy.typing as npt
 
 from edge_vpr.compiling import kernel
 from edge_vpr.matching.prediction import FRACTION_BITS
-from fixedpoint.activity import WEIGHT_BITS, WEIGHT_FROM
+from fixedpoint.activity import SUM_LIMITS, WEIGHT_BITS
 
 #: largest evidence: 8 bits
 EVIDENCE_TOP = (1 << 8) - 1
@@ -41,13 +41,23 @@ def reciprocal_of_spread(distances: npt.NDArray[np.integer]) -> int:
     return (1 << RECIPROCAL_FRACTION_BITS) // max(int(spread) // distances.size, 1)
 
 
+#: surplus of events, in 1/16 octave, from which the evidence has weight; below `-FEW`, a window has
+#: few events
+SEEN_FROM, FEW = 56, 48
+
+
 @kernel(inline="always")
-def weight_of(activity: int) -> int:
+def weight_of(surplus: int) -> int:
     """Return the weight of the evidence of a window, in units of 1/8.
 
     A camera that hardly moves repeats its view, with fewer events.
+
+    Parameters
+    ----------
+    surplus : int
+        Activity of the window less that which the place before should have at this gain.
     """
-    return min(max((activity - WEIGHT_FROM) >> 1, 0), 1 << WEIGHT_BITS)
+    return min(max((surplus + SEEN_FROM) >> 1, 0), 1 << WEIGHT_BITS)
 
 
 @kernel
@@ -82,3 +92,62 @@ def evidence_of(
         difference = np.int32(min(np.int64(distances[k]) - least, most))
         unweighted = (difference * factor) >> shift
         out[k] = (min(unweighted, np.int32(EVIDENCE_TOP)) * weight) >> WEIGHT_BITS
+
+
+#: the mean speed of a drive moves by 1/64 of the difference, and has 4 more fraction bits
+SPEED_SHIFT, SPEED_BITS = 6, 4
+
+
+@kernel(inline="always")
+def speed_after(speed: int, moved: int, activity: int) -> int:
+    """Return the mean activity of a drive after a window, in units of 1/256 octave.
+
+    Parameters
+    ----------
+    moved : int
+        Number of windows that have moved it: the mean of the first 64, then a running mean.
+    """
+    shift = 0
+    while (1 + moved) >> (shift + 1) > 0 and shift < SPEED_SHIFT:
+        shift += 1
+    return speed + (((activity << SPEED_BITS) - speed) >> shift)
+
+
+@kernel(inline="always")
+def sum_of(speed: int, gain: int) -> int:
+    """Return which sum of windows a hypothesis looks at: the slower the drive by it, the longer."""
+    mean, which = (speed >> SPEED_BITS) - gain, 0
+    for limit in SUM_LIMITS:
+        which += mean < limit
+    return which
+
+
+@kernel(inner=True)
+def evidence_of_sum(
+    distances: npt.NDArray[np.integer],
+    bias: npt.NDArray[np.int64],
+    before: int,
+    weight: int,
+    out: npt.NDArray[np.uint8],
+) -> tuple[int, int]:
+    """Compute the evidence of a sum of windows, see `evidence_of`.
+
+    Parameters
+    ----------
+    bias : ndarray of int64, shape (K,)
+        Part of the typical distances, which is subtracted.
+    before : int
+        Reciprocal of the spread in the window before; 0 takes that of this window.
+
+    Returns
+    -------
+    scale, reciprocal : int
+        Reciprocal that was used, and that of this window.
+    """
+    less = np.empty(bias.size, dtype=np.int64)
+    for k in range(bias.size):
+        less[k] = np.int64(distances[k]) - bias[k]
+    own = reciprocal_of_spread(less)
+    scale = before if before > 0 else own
+    evidence_of(less, scale, weight, out)
+    return scale, own

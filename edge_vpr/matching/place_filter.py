@@ -1,83 +1,128 @@
-"""The place filter: Viterbi's algorithm over the places of a route, in fixed-width integers.
+"""The place filter: Viterbi's algorithm over places and camera gains, in fixed-width integers.
 
-It is the min-plus form of a discrete Bayes filter. Each place has one metric: the cost of the
-cheapest path that ends there in the current window. In each window, the prediction adds the cost of
-the step from place to place, and the update adds the evidence of the distances. `smoothing` adds
-the costs of a backward pass from later windows.
+It is the min-plus form of a discrete Bayes filter. A window has more events if the robot drives
+faster, and also if light, lens or thresholds of the camera give more of them. The filter therefore
+follows seven hypotheses of this gain side by side. Each place has a metric for each of them: the
+cost of the cheapest path that ends there in the current window with this gain. `match_window` is
+one step: does the robot stand, predict, evidence, best, trust. `smoothing` adds the costs of a
+backward pass from later windows.
+
+With one gain, the number of events is compared with its running mean instead of the reference's.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
+from edge_vpr.archive import Arrays
 from edge_vpr.compiling import kernel
 from edge_vpr.descriptors.windows import (
+    ACTIVITY_FRACTION_BITS,
     Descriptors,
     activity_of,
     activity_of_drive,
     is_pause,
+    log_activity,
     mean_activity_after,
     place_activity,
 )
 from edge_vpr.errors import UsageError
 from edge_vpr.matching.distances import typical_distances
-from edge_vpr.matching.evidence import evidence_of, reciprocal_of_spread, weight_of
+from edge_vpr.matching.evidence import (
+    FEW,
+    SPEED_SHIFT,
+    evidence_of_sum,
+    speed_after,
+    sum_of,
+    weight_of,
+)
 from edge_vpr.matching.filter_match import (
     METRIC,
+    MISFIT,
     PLACE,
     SECOND,
     SECOND_METRIC,
     TIES,
+    TRUST,
     FilterMatch,
 )
 from edge_vpr.matching.prediction import (
+    GAIN_STEP,
+    LANES,
     METRIC_TOP,
+    SAME_GAIN,
     FilterTable,
     Metrics,
     Narrow,
     TransitionCosts,
     Transitions,
+    is_reachable,
     predict,
 )
 from edge_vpr.matching.search import least_and_second
-from edge_vpr.matching.trust import BEFORE_FIRST, margin_of, set_numbers, write_trust
+from edge_vpr.matching.trust import (
+    FIRST_MISFIT,
+    WHOLE_AGE,
+    margin_of,
+    reported_misfit,
+    residual_of,
+    support_after,
+    trust_of,
+    update_misfit,
+    window_misfit,
+)
 from edge_vpr.settings import Settings
-from fixedpoint.activity import LOG_TOP, WEIGHT_BITS
+from fixedpoint.activity import EVENTS_TOP, LOG_TOP, SUMS, WEIGHT_BITS
 
 # State, and the results of windows.
 
 
-#: State of a filter between two windows, in addition to its metrics; see `PlaceFilter`.
-NUMBER_NAMES = ("reciprocal", "mean_activity", *BEFORE_FIRST)
-#: `predicted_for` before there is a prediction, and `weight_by_distance` where it is by steps.
-NOT_PREDICTED, BY_STEPS = -2 * LOG_TOP, -1
-#: How the places of a window are predicted, with the values at its beginning: by steps, for the
-#: activity `predicted_for`; or by odometry, for any activity, with a largest weight of evidence.
-_UNPREDICTED = {"predicted_for": NOT_PREDICTED, "weight_by_distance": BY_STEPS}
-NUMBERS = np.dtype([(name, np.int64) for name in (*NUMBER_NAMES, *_UNPREDICTED)])
+#: after more windows with few events in a row, the robot stands: live, and in a smoothed drive
+PATIENCE, PATIENCE_SMOOTHED = 2, 8
+#: the match is the middle of the places whose metric is at most so much above the best
+NEAR = 8
+#: activity of a window in which the robot stands: it has the costs of the lowest row at any place
+STANDS = -4 * LOG_TOP
+#: `predicted_for` before there is a prediction, and `weight_by_distance` where it is by steps
+NOT_PREDICTED, BY_STEPS = 4 * LOG_TOP, -1
+#: Numbers of a filter between two windows, and their values before the first; see `PlaceFilter`.
+BEFORE_FIRST = {
+    "place": -1, "gain": 0, "few": 0, "speed": 0, "moved": 0, "support": 0, "age": 0,
+    "residual": 0, "residual_before": 0, "running_misfit": FIRST_MISFIT,
+    "predicted_for": NOT_PREDICTED, "weight_by_distance": BY_STEPS,
+}  # fmt: skip
+NUMBERS = np.dtype(
+    [(name, np.int64) for name in ("mean_activity", "mean_log", "patience", *BEFORE_FIRST)]
+)
 
 
 class FilterState(NamedTuple):
     """State of a `PlaceFilter`, which its kernels update in place.
 
+    Row 0 is the state after the last finished window, row 1 that after the current one.
+
     Attributes
     ----------
-    numbers : ndarray of NUMBERS, shape (1,)
-        See `PlaceFilter`, and `_UNPREDICTED`.
-    metric : ndarray of int32, shape (K,)
-        Metrics after the window before.
-    prediction : ndarray of int16, shape (K,)
-        Cost of each place in this window, without its evidence.
+    numbers : ndarray of NUMBERS, shape (2,)
+        See `PlaceFilter`.
+    reciprocal : ndarray of int64, shape (2, sums)
+        ``floor(2**16 / spread)`` of the distances of each sum of windows, which scales the evidence
+        of the next window; 0 if it was not needed.
+    metric : ndarray of int16, shape (K, LANES)
+        Metrics after the window before, for each hypothesis.
+    prediction : ndarray of int16, shape (K, LANES)
+        Cost of each place and hypothesis in this window, without its evidence.
     follows : ndarray of bool, shape (K,)
         Which places are reachable from the latest match, if the prediction is by odometry.
     """
 
     numbers: Any
-    metric: Metrics
+    reciprocal: npt.NDArray[np.int64]
+    metric: Narrow
     prediction: Narrow
     follows: npt.NDArray[np.bool_]
 
@@ -88,56 +133,64 @@ class WindowRows(NamedTuple):
     Attributes
     ----------
     columns : ndarray of int64, shape (n, 7)
-        Fields of `FilterMatch`, see `filter_match`.
-    metrics : ndarray of int32, shape (n, K)
+        Fields of `FilterMatch`.
+    least : ndarray of int32, shape (n, K)
+        Least metric of each place after each window.
+    metrics : ndarray of int16, shape (n, K, LANES)
         Metrics after each window.
-    evidence : ndarray of uint8, shape (n, K)
-        Evidence of each window.
-    activity : ndarray of int32, shape (n,)
-        Activity of each window, see `activity_of`.
-    factor : ndarray of int64, shape (n,)
+    evidence : ndarray of uint8, shape (n, sums, K)
+        Evidence of each sum of windows.
+    sums : ndarray of int64, shape (n, LANES)
+        Sum that each hypothesis looks at.
+    activity : ndarray of int64, shape (n,)
+        Activity of each window, or `STANDS`.
+    factor : ndarray of int64, shape (n, sums)
         Evidence per unit of distance, in units of 2**-17; 0 in a pause.
-    share : ndarray of int32, shape (n,)
+    share : ndarray of int64, shape (n,)
         Weight of the evidence that odometry leaves, in units of 1/8; 8 without odometry.
+    best : ndarray of int64, shape (n, 2)
+        Best place and its hypothesis.
     """
 
     columns: npt.NDArray[np.int64]
-    metrics: Metrics
+    least: Metrics
+    metrics: Narrow
     evidence: npt.NDArray[np.uint8]
-    activity: npt.NDArray[np.int32]
+    sums: npt.NDArray[np.int64]
+    activity: npt.NDArray[np.int64]
     factor: npt.NDArray[np.int64]
-    share: npt.NDArray[np.int32]
+    share: npt.NDArray[np.int64]
+    best: npt.NDArray[np.int64]
 
     @classmethod
-    def empty(cls, windows: int, places: int) -> WindowRows:
+    def empty(cls, windows: int, sums: int, places: int) -> WindowRows:
         """Return uninitialised rows."""
         return cls(
             np.empty((windows, len(FilterMatch._fields)), dtype=np.int64),
             np.empty((windows, places), dtype=np.int32),
-            np.empty((windows, places), dtype=np.uint8),
-            np.empty(windows, dtype=np.int32),
+            np.empty((windows, places, LANES), dtype=np.int16),
+            np.empty((windows, sums, places), dtype=np.uint8),
+            np.empty((windows, LANES), dtype=np.int64),
             np.empty(windows, dtype=np.int64),
-            np.empty(windows, dtype=np.int32),
+            np.empty((windows, sums), dtype=np.int64),
+            np.empty(windows, dtype=np.int64),
+            np.empty((windows, 2), dtype=np.int64),
         )
 
     def part(self, first: int, last: int) -> WindowRows:
         """Return the rows of the windows from `first` to before `last`, in the same memory."""
-        return WindowRows(
-            self.columns[first:last], self.metrics[first:last], self.evidence[first:last],
-            self.activity[first:last], self.factor[first:last], self.share[first:last],
-        )  # fmt: skip
+        return WindowRows(*(column[first:last] for column in self))
 
     def take(self, others: WindowRows) -> None:
         """Copy the rows of as many other windows."""
-        self.columns[:], self.metrics[:] = others.columns, others.metrics
-        self.evidence[:], self.activity[:] = others.evidence, others.activity
-        self.factor[:], self.share[:] = others.factor, others.share
+        for mine, theirs in zip(self, others, strict=True):
+            mine[:] = theirs
 
 
-# One window: predict, update, match.
+# One window.
 
 
-@kernel(inline="always")
+@kernel(inner=True)
 def match_window(
     state: FilterState,
     table: FilterTable,
@@ -145,103 +198,204 @@ def match_window(
     events: int,
     out: WindowRows,
     i: int,
-) -> tuple[int, int, int, int]:
-    """Match a window, finished or not, without advancing the filter.
+) -> None:
+    """Match a window, finished or not; `end_window` then advances the filter.
 
     Parameters
     ----------
     state : FilterState
-        Only its prediction is updated, for the next call for the same window.
-    distances : ndarray of int, shape (K,)
-        Only differences matter: adding a constant changes nothing.
+        Row 1 becomes the state after this window. The prediction is kept for the next call for the
+        same window.
+    distances : ndarray of int, shape (sums, K)
+        Of the sums of the newest windows. Only differences matter: adding a constant to a row
+        changes nothing.
     events : int
-        Number of events at the selected pixels in the window.
+        Counted events of the window, see `codes.counted_events`.
     out : WindowRows
         The result is written to row `i`.
-
-    Returns
-    -------
-    place, support, residual, misfit : int
-        See `write_trust`.
     """
-    now, row = state.numbers[0], out.columns[i]
-    metric, evidence = out.metrics[i], out.evidence[i]
-    activity = activity_of(events, now.mean_activity)
-    by_distance = now.weight_by_distance != BY_STEPS
-    if not by_distance and now.predicted_for != activity:
-        if now.place >= 0:
-            predict(state.metric, table, activity, state.prediction)
-        now.predicted_for = activity
-    scale, weight, share = now.reciprocal, 0, 1 << WEIGHT_BITS
-    if not is_pause(events, now.mean_activity):
-        weight = weight_of(activity)
-        if by_distance:
-            whole = weight
-            weight = min(whole, now.weight_by_distance)
-            share = (weight << WEIGHT_BITS) // max(whole, 1)
-        if scale == 0:
-            scale = reciprocal_of_spread(distances)
-    evidence_of(distances, scale, weight, evidence)
-    for k in range(metric.size):
-        metric[k] = min(state.prediction[k] + np.int32(evidence[k]), METRIC_TOP)
-    place, second, ties = least_and_second(metric, table.exclusion)
-    margin = write_match(metric, place, second, ties, row)
-    factor_and_share = (scale * weight, share)
-    kept = write_trust(
-        now, table, by_distance, state.follows, margin, evidence, factor_and_share, row
-    )
-    out.activity[i], (out.factor[i], out.share[i]) = activity, factor_and_share
-    return kept
+    before, now = state.numbers[0], state.numbers[1]
+    state.numbers[1] = before
+    activity = window_activity(events, before)
+    pause, weight, few = is_pause(events, before.mean_activity), 1 << WEIGHT_BITS, False
+    if before.place >= 0:
+        surplus = activity - table.activity[before.place] - min(table.gains[before.gain], 0)
+        weight, few = weight_of(surplus), surplus < -FEW
+    few = few or pause
+    now.few = min(before.few + 1, before.patience + 1) if few else 0
+    out.activity[i] = STANDS if now.few > before.patience else activity
+    if not few:
+        now.speed = speed_after(before.speed, before.moved, activity)
+        now.moved = min(before.moved + 1, (1 << SPEED_SHIFT) - 1)
+
+    by_distance = before.weight_by_distance != BY_STEPS
+    if not by_distance and before.place >= 0 and before.predicted_for != out.activity[i]:
+        predict(state.metric, table, out.activity[i], state.prediction)
+        before.predicted_for = out.activity[i]
+    write_evidence(state, table, distances, (pause, by_distance, weight), out, i)
+    add_evidence(state.prediction, out.evidence[i], out.sums[i], table.gains.size, out.metrics[i])
+    write_least(out.metrics[i], table.gains.size, out.least[i])
+    best, margin = write_best(out.least[i], table, out.columns[i])
+    out.best[i, 0], out.best[i, 1] = best, least_gain(out.metrics[i, best], table.gains.size)
+    write_trust(state, table, by_distance, margin, out, i)
+
+    now.mean_activity = mean_activity_after(before.mean_activity, events)
+    now.predicted_for, now.weight_by_distance = NOT_PREDICTED, BY_STEPS
+
+
+@kernel(inner=True)
+def end_window(state: FilterState, metrics: Narrow) -> None:
+    """Advance the filter to the next window, with the metrics that `match_window` wrote."""
+    state.numbers[0] = state.numbers[1]
+    for s in range(state.reciprocal.shape[1]):
+        state.reciprocal[0, s] = state.reciprocal[1, s]
+    for k in range(len(metrics)):
+        for h in range(LANES):
+            state.metric[k, h] = metrics[k, h]
 
 
 @kernel(inline="always")
-def write_match(
-    metric: Metrics, place: int, second: int, ties: int, out: npt.NDArray[np.int64]
-) -> int:
-    """Write a match without its trust and misfit, and return its margin.
+def window_activity(events: int, now: Any) -> int:
+    """Return the activity of a window: against the reference's mean, or with one gain its own."""
+    if now.mean_log < 0:
+        return activity_of(events, now.mean_activity)
+    if events == 0:
+        return -LOG_TOP
+    return log_activity(min(events, EVENTS_TOP)) - now.mean_log
+
+
+@kernel(inner=True)
+def write_evidence(
+    state: FilterState,
+    table: FilterTable,
+    distances: npt.NDArray[np.integer],
+    seen: tuple[bool, bool, int],
+    out: WindowRows,
+    i: int,
+) -> None:
+    """Write the evidence of each sum that a hypothesis looks at.
 
     Parameters
     ----------
-    metric : ndarray of int32, shape (K,)
+    seen : tuple
+        Whether the window is a pause, whether its driven distance is known, and the weight of its
+        evidence.
+    """
+    (pause, by_distance, weight), speed = seen, state.numbers[1].speed
+    out.share[i] = 1 << WEIGHT_BITS
+    if by_distance:
+        whole = weight
+        weight = min(whole, state.numbers[0].weight_by_distance)
+        out.share[i] = (weight << WEIGHT_BITS) // max(whole, 1)
+    for h in range(LANES):
+        out.sums[i, h] = 0
+    if len(distances) > 1 and not by_distance:
+        for h in range(table.gains.size):
+            out.sums[i, h] = sum_of(speed, table.gains[h])
+    for s in range(len(distances)):
+        used = False
+        for h in range(table.gains.size):
+            used = used or out.sums[i, h] == s
+        out.factor[i, s] = 0
+        state.reciprocal[1, s] = state.reciprocal[0, s] if pause else 0
+        if used and not pause:
+            scale, own = evidence_of_sum(
+                distances[s], table.bias, state.reciprocal[0, s], weight, out.evidence[i, s]
+            )
+            out.factor[i, s], state.reciprocal[1, s] = scale * weight, own
+        else:
+            for k in range(out.evidence.shape[2]):
+                out.evidence[i, s, k] = 0
+
+
+@kernel(inner=True)
+def add_evidence(
+    prediction: Narrow,
+    evidence: npt.NDArray[np.uint8],
+    sums: npt.NDArray[np.int64],
+    hypotheses: int,
+    out: Narrow,
+) -> None:
+    """Write the metrics: the prediction and the evidence of the hypothesis' sum, at most 127."""
+    for k in range(len(out)):
+        for h in range(hypotheses):
+            against = np.int16(prediction[k, h] + evidence[sums[h], k])
+            out[k, h] = min(against, np.int16(METRIC_TOP))
+        for h in range(hypotheses, LANES):
+            out[k, h] = METRIC_TOP
+
+
+@kernel(inner=True)
+def write_least(metric: Narrow, hypotheses: int, out: Metrics) -> None:
+    """Write the least metric of each place."""
+    for k in range(len(metric)):
+        least = metric[k, 0]
+        for h in range(1, hypotheses):
+            least = min(least, metric[k, h])
+        out[k] = least
+
+
+@kernel(inline="always")
+def least_gain(metric: Narrow, hypotheses: int) -> int:
+    """Return the first hypothesis of the least metric of a place."""
+    best = 0
+    for h in range(1, hypotheses):
+        if metric[h] < metric[best]:
+            best = h
+    return best
+
+
+@kernel(inner=True)
+def write_best(least: Metrics, table: FilterTable, out: npt.NDArray[np.int64]) -> tuple[int, int]:
+    """Write a match without its trust and misfit, and return its best place and its margin.
+
+    Parameters
+    ----------
+    least : ndarray of int32, shape (K,)
         Cost of each place.
-    place, second, ties : int
-        Result of `least_and_second`.
     out : ndarray of int64, shape (7,)
         Fields of `FilterMatch`.
     """
-    out[PLACE], out[METRIC], out[TIES] = place, metric[place], ties
+    best, second, ties = least_and_second(least, table.exclusion)
+    first, last, most = best, best, least[best] + NEAR
+    while first > max(best - table.reach, 0) and least[first - 1] <= most:
+        first -= 1
+    while last < min(best + table.reach, least.size - 1) and least[last + 1] <= most:
+        last += 1
+    out[PLACE], out[METRIC], out[TIES] = (first + last + 1) >> 1, least[best], ties
     out[SECOND], out[SECOND_METRIC] = second, -1
     if second >= 0:
-        out[SECOND_METRIC] = metric[second]
-    return margin_of(metric, place, second)
+        out[SECOND_METRIC] = least[second]
+    return best, margin_of(least, best, second)
 
 
-@kernel(inline="always")
-def end_window(
-    state: FilterState,
-    distances: npt.NDArray[np.integer],
-    events: int,
-    metric: Metrics,
-    found: tuple[int, int, int, int],
+@kernel(inner=True)
+def write_trust(
+    state: FilterState, table: FilterTable, by_distance: bool, margin: int, out: WindowRows, i: int
 ) -> None:
-    """Advance the filter to the next window.
+    """Write the trust in a match and its misfit, and the state after it."""
+    before, now, row = state.numbers[0], state.numbers[1], out.columns[i]
+    best, gain = out.best[i, 0], out.best[i, 1]
+    if by_distance:
+        follows = state.follows[best]
+    else:
+        last = len(table.costs) - 1
+        follows = before.place >= 0 and is_reachable(before.place, best, last, table.jumps)
+    evidence = out.evidence[i, out.sums[i, gain]]
+    kept, residual = before.support if follows else 0, residual_of(evidence[best])
+    now.support = support_after(kept, best == before.place, margin)
+    now.age = min(before.age + 1, WHOLE_AGE) if follows else 0
+    worst = max(residual, before.residual, before.residual_before)
+    row[TRUST] = trust_of(now.support, worst, now.age)
+    factor = out.factor[i, out.sums[i, gain]]
+    of_window = window_misfit(evidence, best, table.typical, factor, out.share[i])
+    now.running_misfit = update_misfit(before.running_misfit, of_window, factor)
+    row[MISFIT] = reported_misfit(now.running_misfit)
+    now.place, now.gain = best, gain
+    now.residual, now.residual_before = residual, before.residual
 
-    Parameters
-    ----------
-    distances, events, metric
-        Arguments and metrics of `match_window` for this window.
-    found : tuple of int
-        Result of `match_window`.
-    """
-    now = state.numbers[0]
-    if not is_pause(events, now.mean_activity):
-        now.reciprocal = reciprocal_of_spread(distances)
-    now.mean_activity = mean_activity_after(now.mean_activity, events)
-    now.residual_before = now.residual
-    now.place, now.support, now.residual, now.running_misfit = found
-    now.predicted_for, now.weight_by_distance = NOT_PREDICTED, BY_STEPS
-    for k in range(metric.size):
-        state.metric[k] = metric[k]
+
+# The windows of a drive.
 
 
 @kernel
@@ -258,16 +412,16 @@ def update_windows(
     ----------
     state : FilterState
         State before the first window; updated in place.
-    distances : ndarray of int, shape (n, K)
-        From each window to each place.
+    distances : ndarray of int, shape (n, sums, K)
+        From the sums of the newest windows to each place.
     events : ndarray of int64, shape (n,)
-        Number of events at the selected pixels in each window.
+        Counted events of each window.
     out : WindowRows
         Results of the n windows.
     """
     for i in range(len(distances)):
-        found = match_window(state, table, distances[i], events[i], out, i)
-        end_window(state, distances[i], events[i], out.metrics[i], found)
+        match_window(state, table, distances[i], events[i], out, i)
+        end_window(state, out.metrics[i])
 
 
 # The filter of a map.
@@ -281,27 +435,47 @@ class PlaceFilter:
     transitions : Transitions
         Transitions of the map.
     mean_activity : int
-        Initial mean number of events per window at the selected pixels, in units of 1/256 event;
-        0 if only windows without events are pauses.
+        Mean number of counted events per window of the reference, in units of 1/256 event; 0 if
+        only windows without events are pauses.
+    patience : int
+        See `PATIENCE`.
 
     Attributes
     ----------
     state : FilterState
-        The numbers are: `reciprocal`, ``floor(2**16 / spread)`` of the window before, which scales
-        the evidence (0 before the first window and after a spread above 2**16: the reciprocal of
-        the window itself is then used); `mean_activity`, the running mean number of events per
-        window; `place` (-1 before the first match), `support` and `residual` of the latest match
-        and `residual_before` of the match before it, see `trust_of`; and `running_misfit`, see
-        `update_misfit`.
+        The numbers are: `mean_activity`, the running mean of the counted events, by which a window
+        is a pause; `mean_log`, the logarithm of the reference's mean, or -1 with one gain; `place`
+        and `gain` of the best path (-1 before the first match); `few`, the windows with few events
+        in a row; `speed`, the mean activity of the drive, and `moved`, the windows that moved it,
+        see `speed_after`; `support`, `age`, `residual` and `residual_before`, see `trust_of`; and
+        `running_misfit`, see `update_misfit`.
     """
 
-    def __init__(self, transitions: Transitions, mean_activity: int = 0) -> None:
+    def __init__(
+        self, transitions: Transitions, mean_activity: int = 0, patience: int = PATIENCE
+    ) -> None:
         self.transitions, places = transitions, transitions.places
-        numbers = np.zeros(1, dtype=NUMBERS)
-        set_numbers(numbers, {"mean_activity": mean_activity} | BEFORE_FIRST | _UNPREDICTED)
-        metric, prediction = np.zeros(places, dtype=np.int32), np.zeros(places, dtype=np.int16)
+        several = transitions.costs.gains > 1
+        #: number of sums of windows whose distances the filter takes
+        self.sums = len(SUMS) if several else 1
+        numbers = np.zeros(2, dtype=NUMBERS)
+        log = log_activity.py_func if hasattr(log_activity, "py_func") else log_activity
+        set_numbers(
+            numbers,
+            BEFORE_FIRST
+            | {
+                "mean_activity": mean_activity,
+                "mean_log": log(mean_activity >> ACTIVITY_FRACTION_BITS) if several else -1,
+                "patience": patience,
+                "gain": SAME_GAIN if several else 0,
+            },
+        )
         self.state = FilterState(
-            numbers.view(np.recarray), metric, prediction, np.zeros(places, dtype=np.bool_)
+            numbers.view(np.recarray),
+            np.zeros((2, self.sums), dtype=np.int64),
+            np.zeros((places, LANES), dtype=np.int16),
+            np.zeros((places, LANES), dtype=np.int16),
+            np.zeros(places, dtype=np.bool_),
         )
 
     @classmethod
@@ -326,7 +500,8 @@ class PlaceFilter:
             len(places), TransitionCosts.of(settings), place_activity(events, number), jumps,
             along_mm, typical_distances(places.counts), settings.exclusion_places,
         )  # fmt: skip
-        return cls(transitions, activity_of_drive(events[::number]))
+        patience = PATIENCE_SMOOTHED if settings.smooth else PATIENCE
+        return cls(transitions, activity_of_drive(events[::number]), patience)
 
     def __len__(self) -> int:
         return len(self.state.metric)
@@ -336,12 +511,14 @@ class PlaceFilter:
 
         Parameters
         ----------
-        distances : ndarray of int, shape (K,)
-            From the window to each place.
+        distances : ndarray of int, shape (sums, K), or (K,) with one gain
+            From the sums of the newest windows to each place.
         events : int
-            Number of events at the selected pixels in the window.
+            Counted events of the window.
         """
-        rows = self.update_windows(distances[np.newaxis], np.array([events], dtype=np.int64))
+        rows = self.update_windows(
+            np.atleast_2d(distances)[np.newaxis], np.array([events], dtype=np.int64)
+        )
         return FilterMatch(*rows.columns[0].tolist())
 
     def update_windows(
@@ -351,10 +528,10 @@ class PlaceFilter:
 
         Parameters
         ----------
-        distances : ndarray of int, shape (n, K)
-            From each window to each place.
+        distances : ndarray of int, shape (n, sums, K)
+            From the sums of the newest windows to each place.
         events : ndarray of int64, shape (n,)
-            Number of events at the selected pixels in each window.
+            Counted events of each window.
         """
         distances = self._checked(distances)
         rows = WindowRows.empty(*distances.shape)
@@ -363,39 +540,35 @@ class PlaceFilter:
 
     @property
     def place(self) -> int:
-        """Place of the latest match; -1 before the first."""
+        """Best place of the latest window; -1 before the first."""
         return int(self.state.numbers[0].place)
 
-    @property
-    def numbers(self) -> tuple[int, ...]:
-        """State without the arrays, in the order of `NUMBER_NAMES`."""
-        found = dict(zip(NUMBERS.names or (), self.state.numbers[0].tolist(), strict=True))
-        return tuple(found[name] for name in NUMBER_NAMES)
+    def to_arrays(self) -> Arrays:
+        """Return the state between two windows by name, for an archive or `resume`."""
+        return {
+            "filter_numbers": np.array(self.state.numbers[0].tolist(), dtype=np.int64),
+            "filter_reciprocal": self.state.reciprocal[0].copy(),
+            "filter_metric": self.state.metric.astype(np.uint8),
+        }
 
-    def resume(self, metric: Metrics, numbers: Sequence[int]) -> None:
-        """Continue from the state of another filter with the same map and costs.
-
-        Parameters
-        ----------
-        metric : ndarray of int32, shape (K,)
-            Metrics of that filter.
-        numbers : sequence of int
-            `numbers` of that filter.
-        """
-        self.state.metric[:] = metric
+    def resume(self, arrays: Mapping[str, npt.NDArray[Any]]) -> None:
+        """Continue from the arrays of `to_arrays` of another filter with the same map and costs."""
+        names = NUMBERS.names or ()
+        numbers = arrays["filter_numbers"].tolist()
+        set_numbers(self.state.numbers, dict(zip(names, numbers, strict=True)) | _UNPREDICTED)
+        self.state.reciprocal[:] = arrays["filter_reciprocal"]
+        self.state.metric[:] = arrays["filter_metric"]
         self.state.prediction[:] = 0  # as before the first window
-        set_numbers(self.state.numbers, dict(zip(NUMBER_NAMES, numbers, strict=True)))
-        set_numbers(self.state.numbers, _UNPREDICTED)
 
     def spread(self, places: int) -> None:
         """Let the robot be up to so many places further on, and nothing speak for any of them."""
         metric = self.state.metric
         for _ in range(min(places, len(metric))):
             np.minimum(metric[1:], metric[:-1], out=metric[1:])
-        set_numbers(self.state.numbers, {"support": 0} | _UNPREDICTED)
+        set_numbers(self.state.numbers, {"support": 0, "age": 0} | _UNPREDICTED)
 
     def predict_travelled(self, travelled_mm: int, driven_mm: int) -> None:
-        """Predict by odometry instead of steps until the window ends.
+        """Predict by odometry instead of steps until the window ends, from every gain to its own.
 
         Parameters
         ----------
@@ -405,17 +578,22 @@ class PlaceFilter:
         driven_mm : int
             The whole driven distance.
         """
-        prediction = self.transitions.by_distance(self.state.metric, travelled_mm)
+        state, transitions = self.state, self.transitions
+        hypotheses = transitions.table.gains.size
+        least = state.metric[:, :hypotheses].min(axis=1).astype(np.int32)
+        prediction = transitions.by_distance(least, travelled_mm)
         if self.place >= 0:
-            self.state.prediction[:] = prediction
-            self.state.follows[:] = self.transitions.following(self.place, travelled_mm)
-            weight = self.transitions.weight_by_distance(driven_mm)
-            self.state.numbers[0].weight_by_distance = weight
+            state.prediction[:] = prediction[:, None] + GAIN_STEP
+            state.prediction[:, int(state.numbers[0].gain)] = prediction
+            state.follows[:] = transitions.following(self.place, travelled_mm)
+            weight = transitions.weight_by_distance(driven_mm)
+            state.numbers[0].weight_by_distance = weight
 
     def _checked(self, distances: npt.NDArray[np.integer]) -> npt.NDArray[np.integer]:
-        if distances.shape[1:] != (len(self),):
+        if distances.shape[1:] != (self.sums, len(self)):
             raise UsageError(
-                f"{distances.shape[1]} distances to {len(self)} places: give one of each place"
+                f"distances of shape {distances.shape[1:]} a window: expected {self.sums} sums of "
+                f"windows to {len(self)} places"
             )
         if distances.dtype.kind not in "iu":
             raise UsageError(
@@ -425,3 +603,12 @@ class PlaceFilter:
         # the kernel is compiled for the types of recorded drives and streams, and for int64
         known = distances.dtype in (np.int32, np.uint16, np.uint32)
         return np.ascontiguousarray(distances, dtype=distances.dtype if known else np.int64)
+
+
+_UNPREDICTED = {"predicted_for": NOT_PREDICTED, "weight_by_distance": BY_STEPS}
+
+
+def set_numbers(numbers: npt.NDArray[Any], values: Mapping[str, int]) -> None:
+    """Set fields of records by their names."""
+    for name, value in values.items():
+        numbers[name] = value

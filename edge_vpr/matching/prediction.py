@@ -1,7 +1,7 @@
-"""Prediction: the cost of each place one window later, by steps or by a driven distance.
+"""Prediction: the cost of each place and gain one window later, by steps or by a driven distance.
 
-The cost of a step depends on the activity of the window, or is fixed, or follows from odometry;
-jumps of the map connect places like steps. All costs are integers with `FRACTION_BITS`.
+The cost of a step depends on the events of the window and on the gain, or is fixed, or follows from
+odometry; jumps of the map connect places like steps. All costs are integers with `FRACTION_BITS`.
 """
 
 from __future__ import annotations
@@ -16,11 +16,11 @@ from edge_vpr.compiling import kernel, plain
 from edge_vpr.errors import UsageError
 from edge_vpr.map_record import check_transitions
 from edge_vpr.route import MOST_MM
-from edge_vpr.settings import Settings
+from edge_vpr.settings import MOST_COST, Settings
 from fixedpoint.activity import (
     BANK_COSTS,
     COST_ROW_SHIFT,
-    COSTS_BY_ACTIVITY,
+    GAINS,
     PLACE_HIGH,
     PLACE_LOW,
     SAME_ROW,
@@ -34,8 +34,23 @@ Narrow = npt.NDArray[np.int16]
 Travelled = int | None
 #: fraction bits of metrics, evidence and costs
 FRACTION_BITS = 2
-#: largest metric: 10 bits
-METRIC_TOP = (1 << 10) - 1
+#: largest metric: 7 bits
+METRIC_TOP = (1 << 7) - 1
+#: metric of a hypothesis that is not in use
+UNUSED = 1 << 12
+#: cost of a change of gain by half an octave, with fraction bits
+GAIN_STEP = 24
+#: eighths of the typical distance of a place that are subtracted from its distances
+TYPICAL_EIGHTHS = 4
+#: places at half windows around the best, of which the match may be the middle
+REACH = {1: 0, 2: 4}
+#: hypotheses of the gain in memory, a vector; those of `GAINS` or the first are in use
+LANES = 8
+SAME_GAIN = GAINS.index(0)
+_LOWEST_ROW, _HIGHEST_ROW = -SAME_ROW, len(BANK_COSTS[1]) - 1 - SAME_ROW
+# rows that a place's hypotheses span: row r of a place is r + 4 for the gain of two octaves less
+_GAIN_ROWS = -GAINS[0] >> COST_ROW_SHIFT
+_ROW_LOW, _ROW_HIGH = _LOWEST_ROW - _GAIN_ROWS, _HIGHEST_ROW + LANES - 1 - _GAIN_ROWS
 #: costs of steps where windows have a fixed count, by the number of places per window
 COUNT_COSTS = {1: (1, 0, 0, 1), 2: (1, 0, 0, 0, 0, 1)}
 
@@ -51,19 +66,19 @@ class TransitionCosts:
     places_per_window : {1, 2}
         Number of places that start in one window of the reference.
     by_activity : bool
-        Whether the costs are those of `COSTS_BY_ACTIVITY`, by the activity of the window relative
-        to that of the place reached, or `COUNT_COSTS`.
-    bank : bool
-        Whether they are those of the filter over gains, `BANK_COSTS`.
+        Whether the costs are those of `BANK_COSTS`, by the activity of the window relative to that
+        of the place reached, or `COUNT_COSTS`.
+    gains : {1, 7}
+        Number of hypotheses of the camera's gain.
     """
 
     restart: int = 16
     places_per_window: int = 1
     by_activity: bool = True
-    bank: bool = False
+    gains: int = 1
 
     def __post_init__(self) -> None:
-        most = (METRIC_TOP >> FRACTION_BITS) - 1
+        most = MOST_COST
         if not 0 <= self.restart <= most:
             raise UsageError(f"cost of {self.restart} for a restart: expected 0 to {most}")
 
@@ -74,19 +89,23 @@ class TransitionCosts:
         Windows with a fixed number of events all have the same activity.
         """
         by_activity = settings.window == "time"
-        return cls(settings.filter_restart, settings.window_parts, by_activity, settings.has_bank)
+        return cls(settings.filter_restart, settings.window_parts, by_activity, settings.gains)
 
     @property
     def by_step(self) -> Narrow:
         """Costs of a step of 0, 1, 2 ... places, with fraction bits: one row per step.
 
-        One column for each row of `COSTS_BY_ACTIVITY`, or a single column for any activity.
+        The columns are the rows of `BANK_COSTS`, the highest first and both ends repeated, so that
+        those of the hypotheses of a place are neighbours, see `first_column`; or all alike.
         """
-        rows = np.array([COUNT_COSTS[self.places_per_window]], dtype=np.int16) << FRACTION_BITS
-        if self.by_activity:
-            of_window = BANK_COSTS if self.bank else COSTS_BY_ACTIVITY
-            rows = np.array(of_window[self.places_per_window], dtype=np.int16)
-        return np.ascontiguousarray(rows.T)
+        columns = np.arange(_ROW_HIGH - _ROW_LOW + LANES)
+        if not self.by_activity:
+            fixed = np.array(COUNT_COSTS[self.places_per_window], dtype=np.int16) << FRACTION_BITS
+            return np.repeat(fixed[:, None], columns.size, axis=1)
+        highest = _ROW_HIGH + _GAIN_ROWS * (self.gains > 1)
+        rows = np.clip(highest - columns, _LOWEST_ROW, _HIGHEST_ROW) + SAME_ROW
+        costs = np.array(BANK_COSTS[self.places_per_window], dtype=np.int16)
+        return np.ascontiguousarray(costs[rows].T)
 
 
 # Prediction by steps.
@@ -97,8 +116,10 @@ class FilterTable(NamedTuple):
 
     Attributes
     ----------
-    costs : ndarray of int16, shape (steps, rows)
+    costs : ndarray of int16, shape (steps, columns)
         See `TransitionCosts.by_step`.
+    gains : ndarray of int64, shape (hypotheses,)
+        Gain of each hypothesis, in 1/16 octave.
     restart_cost : int
         Cost of a restart, with fraction bits; `TransitionCosts.restart` is in whole units.
     jumps : ndarray of int32, shape (n, 2)
@@ -107,16 +128,23 @@ class FilterTable(NamedTuple):
         Activity of each place, see `place_activity`.
     typical : ndarray of int64, shape (K,)
         See `distances.typical_distances`.
+    bias : ndarray of int64, shape (K,)
+        Part of it that is subtracted from distances.
     exclusion : int
         The second-best place is more than this many places from the best.
+    reach : int
+        Places on each side of the best that the match may be the middle of.
     """
 
     costs: Narrow
+    gains: npt.NDArray[np.int64]
     restart_cost: int
     jumps: npt.NDArray[np.int32]
     activity: npt.NDArray[np.int32]
     typical: npt.NDArray[np.int64]
+    bias: npt.NDArray[np.int64]
     exclusion: int
+    reach: int
 
 
 @kernel(inner=True)
@@ -132,91 +160,99 @@ def is_reachable(place: int, next_place: int, last: int, jumps: npt.NDArray[np.i
 
 
 @kernel(inner=True)
-def write_costs(table: FilterTable, activity: int, out: Narrow) -> None:
-    """Compute the cost of each step to each place in a window.
-
-    Parameters
-    ----------
-    activity : int
-        Activity of the window, see `activity_of`.
-    out : ndarray of int16, shape (steps, K)
-        Costs, by the length of the step and the place reached.
-    """
-    places, last_row = out.shape[1], table.costs.shape[1] - 1
-    rows = np.empty(places, dtype=np.uint8)  # unsigned: Numba looks for no negative index
-    for k in range(places):
-        row = (activity - table.activity[k] + (1 << (COST_ROW_SHIFT - 1))) >> COST_ROW_SHIFT
-        rows[k] = min(max(row + SAME_ROW, 0), last_row)
-    for i in range(len(out)):
-        of_row, of_step = table.costs[i], out[i]
-        for k in range(places):
-            of_step[k] = of_row[rows[k]]
+def change_gains(metric: Narrow, hypotheses: int) -> None:
+    """Lower each metric to that of another gain of the same place plus the cost of the change."""
+    for k in range(len(metric)):
+        for h in range(1, hypotheses):
+            metric[k, h] = min(metric[k, h], np.int16(metric[k, h - 1] + GAIN_STEP))
+        for h in range(hypotheses - 2, -1, -1):
+            metric[k, h] = min(metric[k, h], np.int16(metric[k, h + 1] + GAIN_STEP))
 
 
 @kernel(inner=True)
-def move(metric: Narrow, table: FilterTable, costs: Narrow, back: bool, out: Narrow) -> None:
-    """Compute the cheapest cost of each place one window later or earlier.
-
-    All sums fit into 16 bits: a metric, its evidence and a cost add up to less than 2,500.
-
-    Parameters
-    ----------
-    metric : ndarray of int16, shape (K,)
-        Cost of each place.
-    costs : ndarray of int16, shape (steps, K)
-        Result of `write_costs` for the later of the two windows.
-    back : bool
-        Whether `metric` belongs to the later window, and the costs in the earlier one are computed.
-    out : ndarray of int16, shape (K,)
-        ``min(min_i (M[k - i] + cost[i]), min M + restart_cost) - min M``. Over a jump from a to b,
-        place k = b + o is i places from a - (i - 1 - o). The costs are those of the place reached.
-    """
-    places = metric.size
-    least = metric[0]
-    for k in range(places):
-        least = min(least, metric[k])
-    restarted = np.int16(least + table.restart_cost)
-    for k in range(places):
-        out[k] = restarted
-    for i in range(costs.shape[0]):
-        number, reached = max(places - i, 0), min(i, places)
-        found, source = (0, reached) if back else (reached, 0)
-        # loops from 0 over slices compile to vector instructions
-        cost = costs[i, reached : reached + number]
-        reached_by, start = out[found : found + number], metric[source : source + number]
-        for k in range(number):
-            reached_by[k] = min(reached_by[k], np.int16(start[k] + cost[k]))
-        for j in range(len(table.jumps)):
-            for over in range(i):
-                begin, end = table.jumps[j, 0] - (i - 1 - over), table.jumps[j, 1] + over
-                if begin >= 0 and end < places:
-                    to, other = (begin, end) if back else (end, begin)
-                    jumped = np.int16(metric[other] + costs[i, end])
-                    out[to] = min(out[to], jumped)
-    for k in range(places):
-        out[k] -= least
+def subtract_least(metric: Narrow, hypotheses: int) -> None:
+    """Subtract the least metric of all places and hypotheses."""
+    least = metric[0, 0]
+    for k in range(len(metric)):
+        for h in range(hypotheses):
+            least = min(least, metric[k, h])
+    for k in range(len(metric)):
+        for h in range(LANES):
+            metric[k, h] -= least
 
 
 @kernel(inline="always")
-def predict(metric: Metrics, table: FilterTable, activity: int, out: Narrow) -> None:
-    """Compute the cheapest cost of each place one window later; see `move`.
+def first_column(activity: int, of_place: int) -> int:
+    """Return the column of `FilterTable.costs` of a place's first hypothesis."""
+    row = (activity - of_place + (1 << (COST_ROW_SHIFT - 1))) >> COST_ROW_SHIFT
+    return _ROW_HIGH - min(max(row, _ROW_LOW), _ROW_HIGH)
+
+
+@kernel(inner=True)
+def move(metric: Narrow, table: FilterTable, activity: int, back: bool, out: Narrow) -> None:
+    """Compute the cheapest cost of each place and hypothesis one window later or earlier.
+
+    All sums fit into 16 bits: a metric, its evidence and a cost add up to less than 5,500.
 
     Parameters
     ----------
-    metric : ndarray of int32, shape (K,)
-        Cost of each place.
+    metric : ndarray of int16, shape (K, LANES)
+        Cost of each place and hypothesis.
     activity : int
-        Activity of the later window, see `activity_of`.
-    out : ndarray of int16, shape (K,)
+        Activity of the later of the two windows.
+    back : bool
+        Whether `metric` belongs to the later window, and the costs in the earlier one are computed.
+    out : ndarray of int16, shape (K, LANES)
+        ``min(min_i (M[k - i] + cost[i]), min_k M + restart_cost)``. Over a jump from a to b, place
+        k = b + o is i places from a - (i - 1 - o). The costs are those of the place reached.
+    """
+    places = len(metric)
+    restarted = metric[0].copy()
+    for k in range(places):
+        for h in range(LANES):
+            restarted[h] = min(restarted[h], metric[k, h])
+    for h in range(LANES):
+        restarted[h] = np.int16(restarted[h] + table.restart_cost)
+    for k in range(places):
+        for h in range(LANES):
+            out[k, h] = restarted[h]
+    for reached in range(places):
+        first = first_column(activity, table.activity[reached])
+        for i in range(min(len(table.costs), reached + 1)):
+            to, other = (reached - i, reached) if back else (reached, reached - i)
+            for h in range(LANES):
+                cost = np.int16(metric[other, h] + table.costs[i, first + h])
+                out[to, h] = min(out[to, h], cost)
+    for j in range(len(table.jumps)):
+        for i in range(1, len(table.costs)):
+            for over in range(i):
+                begin, end = table.jumps[j, 0] - (i - 1 - over), table.jumps[j, 1] + over
+                if begin >= 0 and end < places:
+                    first = first_column(activity, table.activity[end])
+                    to, other = (begin, end) if back else (end, begin)
+                    for h in range(LANES):
+                        cost = np.int16(metric[other, h] + table.costs[i, first + h])
+                        out[to, h] = min(out[to, h], cost)
+
+
+@kernel(inner=True)
+def predict(metric: Narrow, table: FilterTable, activity: int, out: Narrow) -> None:
+    """Compute the cheapest cost of each place and hypothesis one window later; see `move`.
+
+    Parameters
+    ----------
+    metric : ndarray of int16, shape (K, LANES)
+        Cost of each place and hypothesis.
+    activity : int
+        Activity of the later window; very low if the robot stands.
+    out : ndarray of int16, shape (K, LANES)
         Predicted costs.
     """
-    before = np.empty(metric.size, dtype=np.int16)
-    for k in range(metric.size):
-        before[k] = metric[k]
-    costs = np.empty((len(table.costs), metric.size), dtype=np.int16)
-    write_costs(table, activity, costs)
+    before = metric.copy()
+    subtract_least(before, table.gains.size)
+    change_gains(before, table.gains.size)
     # not a constant, for which Numba would compile another version
-    move(before, table, costs, np.bool_(False), out)
+    move(before, table, activity, np.bool_(False), out)
 
 
 # Prediction by a driven distance.
@@ -316,13 +352,10 @@ class Transitions:
 
     Examples
     --------
-    >>> costs = TransitionCosts(restart=5, by_activity=False)
-    >>> jumps = np.array([[3, 0]], dtype=np.int32)
-    >>> transitions, prediction = Transitions(4, costs, jumps=jumps), np.empty(4, dtype=np.int16)
-    >>> metric = np.array([9, 9, 9, 0], dtype=np.int32)  # at the end, with a jump to the start
-    >>> predict(metric, transitions.table, 0, prediction)
-    >>> prediction.tolist()
-    [0, 0, 4, 4]
+    >>> jumps = np.array([[3, 0]], dtype=np.int32)  # from the end to the start
+    >>> transitions = Transitions(4, TransitionCosts(restart=5, by_activity=False), jumps=jumps)
+    >>> transitions.reaches(3, 0, None), transitions.reaches(2, 0, None)
+    (True, True)
     """
 
     def __init__(
@@ -345,9 +378,10 @@ class Transitions:
         check_activity(place_activity, places)
         if typical is None:
             typical = np.zeros(places, dtype=np.int64)
+        gains = np.array(GAINS if costs.gains > 1 else (0,), dtype=np.int64)
         self.table = FilterTable(
-            costs.by_step, costs.restart << FRACTION_BITS, self.jumps, place_activity, typical,
-            exclusion,
+            costs.by_step, gains, costs.restart << FRACTION_BITS, self.jumps, place_activity,
+            typical, typical * TYPICAL_EIGHTHS >> 3, exclusion, REACH[costs.places_per_window],
         )  # fmt: skip
         self._along = along_mm
         #: mean distance between two places; 0 if the map has no distances

@@ -1,9 +1,9 @@
 """Smoothing: matching of each window of a drive by the later windows too.
 
-The metric of a place is the cost of the cheapest path that ends there. The filter run backwards
-gives the cost to go: that of the cheapest path from there to the end of the drive. Their sum is the
-cost of the best path of the whole drive through this place, the min-plus form of forward-backward
-smoothing.
+The metric of a place and gain is the cost of the cheapest path that ends there. The filter run
+backwards gives the cost to go: that of the cheapest path from there to the end of the drive. Their
+sum is the cost of the best path of the whole drive through this place, the min-plus form of
+forward-backward smoothing.
 """
 
 from __future__ import annotations
@@ -14,77 +14,20 @@ import numpy as np
 import numpy.typing as npt
 
 from edge_vpr.compiling import kernel
-from edge_vpr.matching.filter_match import MISFIT, PLACE, TRUST
-from edge_vpr.matching.place_filter import WindowRows, write_match
+from edge_vpr.matching.filter_match import MISFIT, TRUST
+from edge_vpr.matching.place_filter import WindowRows, least_gain, write_best, write_least
 from edge_vpr.matching.prediction import (
+    LANES,
+    UNUSED,
     FilterTable,
-    Metrics,
     Narrow,
     Transitions,
     Travelled,
+    change_gains,
     move,
-    write_costs,
+    subtract_least,
 )
-from edge_vpr.matching.search import least_and_second
 from edge_vpr.matching.trust import TRUST_FRACTION_BITS, window_misfit
-
-
-@kernel(inline="always")
-def backward_step(
-    cost_to_go: Narrow,
-    next_cost_to_go: Narrow,
-    table: FilterTable,
-    costs: Narrow,
-    evidence: npt.NDArray[np.uint8],
-) -> None:
-    """Advance the cost to go backwards by one window.
-
-    Parameters
-    ----------
-    cost_to_go : ndarray of int16, shape (K,)
-        Cost of the rest of the drive from each place after this window; updated in place to that
-        after the window before.
-    next_cost_to_go : ndarray of int16, shape (K,)
-        Scratch; after the call, the cost to go after this window plus its evidence.
-    costs : ndarray of int16, shape (steps, K)
-        Result of `write_costs` for this window.
-    evidence : ndarray of uint8, shape (K,)
-        Evidence of this window.
-    """
-    for k in range(next_cost_to_go.size):
-        next_cost_to_go[k] = np.int16(cost_to_go[k] + np.int16(evidence[k]))
-    move(next_cost_to_go, table, costs, np.bool_(True), cost_to_go)
-
-
-def _travel_back(
-    transitions: Transitions,
-    next_cost_to_go: npt.NDArray[np.int16],
-    distance: int,
-    cost_to_go: npt.NDArray[np.int16],
-) -> None:
-    """Compute the cost to go by odometry instead of steps; see `backward_step`."""
-    cost_to_go[:] = transitions.by_distance(next_cost_to_go.astype(np.int32), distance, back=True)
-
-
-@kernel(inline="always")
-def match_summed(
-    metric: Metrics, cost_to_go: Narrow, exclusion: int, out: npt.NDArray[np.int64]
-) -> int:
-    """Add the cost to go to the metric of a window, match by the sum, and return the margin.
-
-    Parameters
-    ----------
-    metric : ndarray of int32, shape (K,)
-        Updated in place to the cost of the best path through each place.
-    cost_to_go : ndarray of int16, shape (K,)
-        Cost of the rest of the drive from each place.
-    out : ndarray of int64, shape (7,)
-        Fields of `FilterMatch`, all but trust and misfit.
-    """
-    for k in range(metric.size):
-        metric[k] += np.int32(cost_to_go[k])
-    place, second, ties = least_and_second(metric, exclusion)
-    return write_match(metric, place, second, ties, out)
 
 
 @kernel
@@ -93,32 +36,48 @@ def smooth_windows(
     next_cost_to_go: Narrow,
     table: FilterTable,
     rows: WindowRows,
+    residual: npt.NDArray[np.int64],
 ) -> None:
     """Add the cost to go to the metrics of n windows, backwards from the last window.
 
     Parameters
     ----------
-    cost_to_go : ndarray of int16, shape (K,)
-        Cost of the rest of the drive from each place after the last of these windows; updated in
-        place to that before the first.
-    next_cost_to_go : ndarray of int16, shape (K,)
+    cost_to_go : ndarray of int16, shape (K, LANES)
+        Cost of the rest of the drive from each place and gain after the last of these windows;
+        updated in place to that before the first.
+    next_cost_to_go : ndarray of int16, shape (K, LANES)
         Scratch; after the call, the cost to go after the first window plus the evidence of the
         first window.
     rows : WindowRows
-        Updated in place: the metrics become the costs of the best path through each place, and the
-        columns the matches by these, with the margin as trust, in units of 1/16 of a metric, and
-        `window_misfit` as misfit.
+        Updated in place: `least` becomes the least cost of the whole paths through each place, and
+        the columns and `best` the matches by it, with the margin as trust, in units of 1/16 of a
+        metric, and `window_misfit` as misfit. `factor` becomes that of the matched hypothesis in
+        its first column.
+    residual : ndarray of int64, shape (n,)
+        Output: the evidence against each best place.
     """
-    costs = np.empty((len(table.costs), cost_to_go.size), dtype=np.int16)
-    for i in range(len(rows.metrics) - 1, -1, -1):
-        row, evidence = rows.columns[i], rows.evidence[i]
-        margin = match_summed(rows.metrics[i], cost_to_go, table.exclusion, row)
-        row[TRUST] = margin << TRUST_FRACTION_BITS
-        row[MISFIT] = window_misfit(
-            evidence, row[PLACE], table.typical, rows.factor[i], rows.share[i]
-        )
-        write_costs(table, np.int64(rows.activity[i]), costs)
-        backward_step(cost_to_go, next_cost_to_go, table, costs, evidence)
+    hypotheses = table.gains.size
+    for i in range(len(rows.columns) - 1, -1, -1):
+        row, sums, metric = rows.columns[i], rows.sums[i], rows.metrics[i]
+        for k in range(len(metric)):
+            for h in range(LANES):
+                metric[k, h] = np.int16(metric[k, h] + cost_to_go[k, h])
+        write_least(metric, hypotheses, rows.least[i])
+        best, margin = write_best(rows.least[i], table, row)
+        gain = least_gain(metric[best], hypotheses)
+        evidence, factor = rows.evidence[i, sums[gain]], rows.factor[i, sums[gain]]
+        rows.best[i, 0], rows.best[i, 1], rows.factor[i, 0] = best, gain, factor
+        residual[i], row[TRUST] = evidence[best], margin << TRUST_FRACTION_BITS
+        row[MISFIT] = window_misfit(evidence, best, table.typical, factor, rows.share[i])
+        for k in range(len(metric)):
+            for h in range(hypotheses):
+                against = cost_to_go[k, h] + np.int16(rows.evidence[i, sums[h], k])
+                next_cost_to_go[k, h] = np.int16(against)
+            for h in range(hypotheses, LANES):
+                next_cost_to_go[k, h] = UNUSED
+        move(next_cost_to_go, table, rows.activity[i], np.bool_(True), cost_to_go)
+        subtract_least(cost_to_go, hypotheses)
+        change_gains(cost_to_go, hypotheses)
 
 
 class BackwardPass:
@@ -126,10 +85,12 @@ class BackwardPass:
 
     def __init__(self, transitions: Transitions) -> None:
         self._transitions = transitions
-        self._cost_to_go = np.zeros(transitions.places, dtype=np.int16)
-        self._next_cost_to_go = np.empty(transitions.places, dtype=np.int16)
+        self._cost_to_go = np.zeros((transitions.places, LANES), dtype=np.int16)
+        self._next_cost_to_go = np.zeros((transitions.places, LANES), dtype=np.int16)
 
-    def add_to(self, rows: WindowRows, travelled: Sequence[Travelled]) -> None:
+    def add_to(
+        self, rows: WindowRows, travelled: Sequence[Travelled], residual: npt.NDArray[np.int64]
+    ) -> None:
         """Add the cost to go to the metrics of the n windows before those added so far.
 
         Parameters
@@ -138,15 +99,20 @@ class BackwardPass:
             Results of n windows, updated in place as by `smooth_windows`.
         travelled : sequence of int or None
             Driven distance of each window.
+        residual : ndarray of int64, shape (n,)
+            Output: the evidence against each best place.
         """
+        table = self._transitions.table
         for first, last in reversed(list(runs(travelled, len(travelled)))):
             smooth_windows(
-                self._cost_to_go, self._next_cost_to_go, self._transitions.table,
-                rows.part(first, last),
+                self._cost_to_go, self._next_cost_to_go, table, rows.part(first, last),
+                residual[first:last],
             )  # fmt: skip
             distance = travelled[first]
-            if distance is not None:
-                _travel_back(self._transitions, self._next_cost_to_go, distance, self._cost_to_go)
+            if distance is not None:  # every gain leads to every gain
+                least = self._next_cost_to_go[:, : table.gains.size].min(axis=1).astype(np.int32)
+                moved = self._transitions.by_distance(least, distance, back=True)
+                self._cost_to_go[:] = (moved - moved.min())[:, None]
 
 
 def runs(travelled: Sequence[Travelled], most: int) -> Iterator[tuple[int, int]]:

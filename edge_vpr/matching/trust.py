@@ -5,8 +5,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from typing import Any
+from collections.abc import Sequence
 
 import numpy as np
 import numpy.typing as npt
@@ -14,33 +13,37 @@ import numpy.typing as npt
 from edge_vpr.compiling import kernel
 from edge_vpr.confidence import TRUST_TOP
 from edge_vpr.matching.evidence import FACTOR_SHIFT
-from edge_vpr.matching.filter_match import MISFIT, PLACE, TRUST
 from edge_vpr.matching.prediction import (
-    METRIC_TOP,
-    FilterTable,
+    TYPICAL_EIGHTHS,
     Metrics,
     Transitions,
     Travelled,
-    is_reachable,
 )
 from fixedpoint.activity import WEIGHT_BITS
 
 # Trust.
 
 
+#: margin of a match without a second best: more than counts
+ALONE = 1_023
+#: bits of an eighth
+EIGHTHS = 3
 #: support, in units of 1/16 of a margin, moves by 1/4 of the difference in each window
 TRUST_SHIFT, TRUST_FRACTION_BITS = 2, 4
-#: while the place stays the same, support falls by 1/16 in each window
-STANDING_SHIFT = 4
+#: while the place stays the same, support falls by 1/8 in each window; of a smoothed drive, the
+#: margin by 1/16 for each other window
+LIVE_STANDING_SHIFT, STANDING_SHIFT = 3, 4
+#: trust is whole after 8 windows of a path
+WHOLE_AGE = 8
 #: margins and residuals are capped at 23, which bounds the influence of one window
 MARGIN_TOP = RESIDUAL_TOP = TRUST_TOP >> TRUST_FRACTION_BITS
 
 
 @kernel(inline="always")
 def margin_of(metric: Metrics, place: int, second: int) -> int:
-    """Return the second-best metric less the best; the largest metric if there is no second."""
+    """Return the second-best metric less the best; 1,023 if there is no second."""
     if second < 0:
-        return METRIC_TOP
+        return ALONE
     return int(metric[second]) - int(metric[place])
 
 
@@ -48,7 +51,7 @@ def margin_of(metric: Metrics, place: int, second: int) -> int:
 def support_after(kept: int, stands: bool, margin: int) -> int:
     """Return the support of a match after a window: a running mean of the margins.
 
-    At a standstill, further windows of the same view add no information: the support decays by 1/16
+    At a standstill, further windows of the same view add no information: the support decays by 1/8
     in each window.
 
     Parameters
@@ -69,7 +72,7 @@ def support_after(kept: int, stands: bool, margin: int) -> int:
     before, capped = np.int64(kept), np.int64(min(margin, MARGIN_TOP))
     raised = before + (((capped << TRUST_FRACTION_BITS) - before) >> TRUST_SHIFT)
     if stands:
-        raised = min(raised, before - (before >> STANDING_SHIFT))
+        raised = min(raised, before - (before >> LIVE_STANDING_SHIFT))
     return int(raised)
 
 
@@ -80,11 +83,11 @@ def residual_of(evidence: int) -> int:
 
 
 @kernel(inline="always")
-def trust_of(support: int, residual: int) -> int:
+def trust_of(support: int, residual: int, age: int) -> int:
     """Return the trust in a match: its support less the residual of the matched place.
 
     A path that has become wrong keeps the support of earlier windows for a while, but its places no
-    longer fit the view.
+    longer fit the view. A path that has just begun may be any.
 
     Parameters
     ----------
@@ -92,13 +95,15 @@ def trust_of(support: int, residual: int) -> int:
         See `support_after`.
     residual : int
         Largest `residual_of` of this window and the two before it.
+    age : int
+        Windows of the path so far, at most `WHOLE_AGE`.
 
     Returns
     -------
     int
         0 to `TRUST_TOP`.
     """
-    return max(int(support) - (int(residual) << TRUST_FRACTION_BITS), 0)
+    return max(int(support) - (int(residual) << TRUST_FRACTION_BITS), 0) * age // WHOLE_AGE
 
 
 # Misfit.
@@ -146,7 +151,8 @@ def window_misfit(
     total = np.int64(0)
     for k in range(evidence.size):
         total += np.int64(evidence[k])
-    nearer = (np.int64(typical[place]) * factor) >> FACTOR_SHIFT
+    rest = (1 << EIGHTHS) - TYPICAL_EIGHTHS  # the evidence has the others
+    nearer = (np.int64(typical[place]) * factor * rest) >> (FACTOR_SHIFT + EIGHTHS)
     against, whole = np.int64(evidence[place]), max(share, 1)
     advantage = int((total // evidence.size - against + nearer) << WEIGHT_BITS) // whole
     residual = residual_of((against << WEIGHT_BITS) // whole)
@@ -165,71 +171,6 @@ def update_misfit(before: int, misfit: int, factor: int) -> int:
 def reported_misfit(running: int) -> int:
     """Return the misfit that is reported with a match, in units of 1/16 of a metric like trust."""
     return max((running >> MISFIT_BITS) - MISFIT_ZERO, 0)
-
-
-# Both, of one window.
-
-
-#: State after the latest match, from which `write_trust` goes on, with its values before the first.
-BEFORE_FIRST = {
-    "place": -1, "support": 0, "residual": 0, "residual_before": 0, "running_misfit": FIRST_MISFIT,
-}  # fmt: skip
-
-
-def set_numbers(numbers: npt.NDArray[Any], values: Mapping[str, int]) -> None:
-    """Set fields of records by their names."""
-    for name, value in values.items():
-        numbers[name] = value
-
-
-@kernel(inline="always")
-def write_trust(
-    now: Any,
-    table: FilterTable,
-    by_distance: bool,
-    follows: npt.NDArray[np.bool_],
-    margin: int,
-    evidence: npt.NDArray[np.uint8],
-    factor_and_share: tuple[int, int],
-    out: npt.NDArray[np.int64],
-) -> tuple[int, int, int, int]:
-    """Compute the trust in a match and its misfit.
-
-    Parameters
-    ----------
-    now : record of NUMBERS
-        State after the match before.
-    by_distance : bool
-        Whether `follows` holds the places reachable from that match, by odometry; else places are
-        reached by steps.
-    margin : int
-        Result of `write_match`.
-    evidence : ndarray of uint8, shape (K,)
-        Evidence of the window.
-    factor_and_share : tuple of int
-        Of the window, see `WindowRows`.
-    out : ndarray of int64, shape (7,)
-        Fields of `FilterMatch`: the place is read, trust and misfit are written.
-
-    Returns
-    -------
-    place, support, residual, misfit : int
-        State for the next match, see `PlaceFilter`.
-    """
-    place, before = out[PLACE], now.place
-    factor, share = factor_and_share
-    if by_distance:
-        reachable = follows[place]
-    else:
-        last = len(table.costs) - 1
-        reachable = before >= 0 and is_reachable(before, place, last, table.jumps)
-    support = support_after(now.support if reachable else 0, place == before, margin)
-    residual = residual_of(evidence[place])
-    out[TRUST] = trust_of(support, max(residual, now.residual, now.residual_before))
-    of_window = window_misfit(evidence, place, table.typical, factor, share)
-    misfit = update_misfit(now.running_misfit, of_window, factor)
-    out[MISFIT] = reported_misfit(misfit)
-    return place, support, residual, misfit
 
 
 # Both, of a drive that was smoothed as a whole.

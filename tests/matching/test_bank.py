@@ -5,18 +5,13 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from edge_vpr.matching.bank import (
-    HYPOTHESES,
-    PATIENCE,
-    PATIENCE_SMOOTHED,
-    BankBackwards,
-    BankFilter,
-)
 from edge_vpr.matching.filter_match import MISFIT, PLACE, TRUST
+from edge_vpr.matching.place_filter import PATIENCE, PATIENCE_SMOOTHED, PlaceFilter
 from edge_vpr.matching.prediction import TransitionCosts, Transitions
+from edge_vpr.matching.smoothing import BackwardPass
 from firmware_model import specification_bank as spec
 from firmware_model.specification_drive import running_misfits, typical_distances
-from fixedpoint.activity import BANK_COSTS, SUMS, bank_costs
+from fixedpoint.activity import BANK_COSTS, GAINS, SUMS, bank_costs
 
 PIXELS = 9
 
@@ -36,7 +31,7 @@ def drawn_map(rng, per_window, jumps=()):
         along.tolist(), kept,
     )  # fmt: skip
     transitions = Transitions(
-        places, TransitionCosts(restart, per_window, bank=True), activity,
+        places, TransitionCosts(restart, per_window, gains=7), activity,
         np.array(kept, dtype=np.int32).reshape(-1, 2), along, typical, exclusion,
     )  # fmt: skip
     return known, transitions
@@ -56,7 +51,7 @@ def drawn_drive(rng, known, windows):
 
 def specified(known, distances, events, patience, driven):
     """Run the specification over a drive."""
-    state = spec.Filter([[0] * len(known.activity)] * HYPOTHESES, known.mean_activity)
+    state = spec.Filter([[0] * len(known.activity)] * len(GAINS), known.mean_activity)
     matches, windows = [], []
     for row, counted, mm in zip(distances.tolist(), events.tolist(), driven, strict=True):
         state, match, window = spec.advance(
@@ -91,7 +86,7 @@ def test_kernel_equals_the_specification_window_by_window_and_smoothed(per_windo
     driven[0] = None  # no window is before it
     for patience in (PATIENCE, PATIENCE_SMOOTHED):
         matches, specified_windows = specified(known, distances, events, patience, driven)
-        bank = BankFilter(transitions, known.mean_activity, patience)
+        bank = PlaceFilter(transitions, known.mean_activity, patience)
         rows = run(bank, distances, events, driven)
         told = [
             [m.place, m.sum, -1 if m.second is None else m.second,
@@ -105,7 +100,7 @@ def test_kernel_equals_the_specification_window_by_window_and_smoothed(per_windo
         ]
         assert rows.columns[:, MISFIT].tolist() == running_misfits(of_windows)
     residual = np.empty(windows, dtype=np.int64)
-    BankBackwards(bank).add_to(rows, driven, residual)
+    BackwardPass(transitions).add_to(rows, driven, residual)
     smoothed = spec.smoothed(known, specified_windows)
     assert rows.best.tolist() == [[best, gain] for best, gain, _ in smoothed]
     assert rows.least.tolist() == [least for _, _, least in smoothed]
@@ -121,13 +116,13 @@ def test_windows_together_or_one_by_one_are_equal():
     rng = np.random.default_rng(3)
     known, transitions = drawn_map(rng, 2)
     distances, events = drawn_drive(rng, known, 30)
-    one = BankFilter(transitions, known.mean_activity)
-    many = BankFilter(transitions, known.mean_activity)
+    one = PlaceFilter(transitions, known.mean_activity)
+    many = PlaceFilter(transitions, known.mean_activity)
     rows = run(one, distances, events, [None] * 30)
     together = many.update_windows(distances, events)
     assert np.array_equal(rows.columns, together.columns)
     assert np.array_equal(rows.metrics, together.metrics)
-    for mine, other in zip(one.state, many.state, strict=True):
+    for mine, other in zip(one.to_arrays().values(), many.to_arrays().values(), strict=True):
         assert np.array_equal(mine, other)
 
 
@@ -139,6 +134,8 @@ def test_costs_follow_from_the_shares(per_window):
 def test_trust_is_never_negative_and_begins_at_nothing():
     rng = np.random.default_rng(5)
     known, transitions = drawn_map(rng, 1)
-    rows = BankFilter(transitions, known.mean_activity).update_windows(*drawn_drive(rng, known, 50))
+    rows = PlaceFilter(transitions, known.mean_activity).update_windows(
+        *drawn_drive(rng, known, 50)
+    )
     assert rows.columns[0, TRUST] == 0
     assert (rows.columns[:, TRUST] >= 0).all()
