@@ -166,6 +166,7 @@ def learn_drive(
         fine = reference.coded(counted).counts.astype(np.int64) << FRACTION_BITS
     else:
         windows = counted.take(slice(None, None, reference.settings.window_parts))
+        windows = replace(windows, selected=reference.counted_events(windows))
         own = drive_mean(windows, code, reference.mean_activity)
         fine = code.fine(counted.counts, own)
     seen, shown = _mean_by_place(fine, place, len(reference))
@@ -181,8 +182,9 @@ def learn_drive(
         initial = _rounded(both, most + 1).astype(np.int32)
     places = reference.places
     # as many events as in a drive that is as bright and as fast as the reference
-    of_map, of_drive = (activity_of_drive(each.selected_events) for each in (places, counted))
-    scaled = counted.selected_events * of_map // max(of_drive, 1)
+    events = reference.counted_events(counted)
+    of_map, of_drive = activity_of_drive(places.selected_events), activity_of_drive(events)
+    scaled = events * of_map // max(of_drive, 1)
     events, _ = _mean_by_place(scaled, place, len(places))
     activity = _rounded(places.selected_events * weight + events, weight + 1)
     codes = (mean + (1 << (FRACTION_BITS - 1))) >> FRACTION_BITS
@@ -253,7 +255,7 @@ def _aligned_both_ways(
     matches = match_query(matching, windows, odometry)
     place = matches.place
     better = _better_places(index, windows, place, settings.exclusion_places)
-    by_window = settings.replaced({"places_per_window": 1}, "alignment")
+    by_window = settings.replaced({"places_per_window": 1, "gains": 1}, "alignment")
     window = match_descriptors(windows, matching.windows, by_window).place
     nearest = np.minimum((place + number // 2) // number, len(window) - 1)
     agrees = np.abs(window[nearest] - np.arange(len(windows))) <= AGREE
@@ -271,7 +273,8 @@ def _aligned_both_ways(
             continue
         gap = windows.take(slice(first, last + 1))
         stretch = matching.places.take(slice(begin, end + 1))
-        between = begin + match_descriptors(stretch, gap, settings).place
+        one_gain = settings.replaced({"gains": 1}, "alignment")
+        between = begin + match_descriptors(stretch, gap, one_gain).place
         if _better_places(index, gap, between, settings.exclusion_places).mean() <= GAP_RANK:
             aligned[first : last + 1] = between
     return _Alignment(aligned, matches.probability >= CERTAIN)

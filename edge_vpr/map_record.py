@@ -27,7 +27,14 @@ from edge_vpr.archive import (
 )
 from edge_vpr.confidence import TRUST_RULE, Acceptance, Confidence
 from edge_vpr.descriptors.cleaning import can_be_searched, find_hot_pixels
-from edge_vpr.descriptors.codes import codes_of, drive_mean, encode_own, encode_running
+from edge_vpr.descriptors.codes import (
+    codes_of,
+    counted_events,
+    drive_mean,
+    encode_own,
+    encode_running,
+    limits_of,
+)
 from edge_vpr.descriptors.counting import (
     DescriptorStream,
     EventSource,
@@ -66,7 +73,7 @@ from edge_vpr.route import MOST_MM, Route
 from edge_vpr.settings import PLUGIN, Settings
 from fixedpoint.codes import PixelCodes, learn_full_scale, packed_bytes
 from fixedpoint.errors import FixedPointError
-from fixedpoint.own_mean import OwnMeanCode
+from fixedpoint.own_mean import FULL_SCALE, OwnMeanCode
 
 # Checks of parts of a reference map that kernels use as indices.
 
@@ -120,7 +127,7 @@ def check_codes(
 
 KIND = "reference map"
 #: arrays that only some maps have
-_OPTIONAL = ("full_scale", "mean", "jumps", "odometer_mm", "learnt_mean", "drives")
+_OPTIONAL = ("full_scale", "mean", "limits", "jumps", "odometer_mm", "learnt_mean", "drives")
 #: a map of any class: a function that changes a map returns one of the same class
 AnyMap = TypeVar("AnyMap", bound="MapRecord")
 
@@ -139,6 +146,7 @@ class MapRecord(EqualByValue):
     hot: npt.NDArray[np.bool_]
     full_scale: npt.NDArray[np.uint16] | None = None
     mean: npt.NDArray[np.int32] | None = None
+    limits: npt.NDArray[np.int32] | None = None
     confidence: Confidence | None = None
     route: Route | None = None
     jumps: npt.NDArray[np.int32] | None = None
@@ -200,6 +208,10 @@ class MapRecord(EqualByValue):
             raise MapError("the map has own-mean codes and lacks mean: make the map again")
         check_array(self.mean, "mean", (np.int32,), (counters,))
         check_range(self.mean, "mean", 0, int(own_mean.levels[-1]))
+        if self.limits is None:
+            raise MapError("the map has own-mean codes and lacks limits: make the map again")
+        check_array(self.limits, "limits", (np.int32,), (counters,))
+        check_range(self.limits, "limits", 0, FULL_SCALE)
         check_range(places.counts, "counts", 0, (1 << own_mean.bits) - 1)
 
     def _check_learnt(self) -> None:
@@ -303,6 +315,7 @@ class MapRecord(EqualByValue):
             ),
             full_scale=of_counters(self.full_scale),
             mean=of_counters(self.mean),
+            limits=of_counters(self.limits),
             learnt_mean=of_counters(self.learnt_mean),
         )
 
@@ -319,16 +332,23 @@ class MapRecord(EqualByValue):
         """Replace the counts of a query by the codes of this map."""
         code = self.own_mean_code
         if code is not None and self.mean is not None:
-            activity = self.mean_activity
+            activity, gains = self.mean_activity, self.settings.hypotheses
+            counted = replace(counted, selected=self.counted_events(counted))
             if self.settings.running_mean:
-                return encode_running(counted, code, self.mean, activity)
-            return encode_own(counted, code, activity)
+                return encode_running(counted, code, self.mean, activity, gains)
+            return encode_own(counted, code, activity, gains)
         counters = counted.counts.shape[1]
         codes = codes_of(self.settings, counters, self.full_scale)
         if codes is None:
             return counted
         described = narrow(codes.encode(counted.counts))
         return replace(counted, counts=described, selected=counted.selected_events)
+
+    def counted_events(self, counted: Descriptors) -> npt.NDArray[np.int64]:
+        """Return the events of each window of counts that count, shape (n,)."""
+        if self.limits is None:
+            return counted.selected_events
+        return counted_events(counted.counts, self.limits)
 
     def decoded(self, descriptors: Descriptors) -> Descriptors:
         """Replace codes by counts for plots, each by the middle of the counts with that code."""
@@ -740,10 +760,13 @@ def coded_map(counted: AnyMap, settings: Settings) -> AnyMap:
     """
     places, windows = counted.places, counted.windows
     counts, events = places.counts, places.selected_events
-    full_scale, mean = None, None
+    full_scale, mean, limits = None, None, None
     code = settings.own_mean_code
     if code is not None:
-        mean = drive_mean(windows, code, counted.mean_activity)
+        limits = limits_of(windows.counts)
+        events, of_windows = (counted_events(each.counts, limits) for each in (places, windows))
+        windows = replace(windows, selected=of_windows)
+        mean = drive_mean(windows, code, activity_of_drive(of_windows))
         coded: npt.NDArray[np.unsignedinteger] = code.encode(counts, mean)
     else:
         full_scale = learn_full_scale(windows.counts) if settings.learns_full_scale else None
@@ -755,6 +778,7 @@ def coded_map(counted: AnyMap, settings: Settings) -> AnyMap:
         places=replace(places, counts=coded, selected=events),
         full_scale=full_scale,
         mean=mean,
+        limits=limits,
     )
 
 

@@ -1136,7 +1136,6 @@ def _match_windows(
     removed = Removed()
     start = time.perf_counter()
     queries = describe_query(asked, drive, removed=removed)
-    _warn_of_rate(asked, queries)
     counting_s = time.perf_counter() - start
     start = time.perf_counter()
     matches = match_query(asked, queries, odometry)
@@ -1207,30 +1206,8 @@ def _match_events(
     matches = Matches.of_rows(rows, asked.settings, len(asked))
     counted = collect(windows, len(asked.pixel_map) * (2 if asked.settings.polarity else 1))
     counted = replace(counted, selected=counted.selected_events)
-    if len(counted):
-        _warn_of_rate(asked, counted)
     return MatchResult(
         asked, matches, None, metrics, removed, windows=counted if len(counted) else None
-    )
-
-
-def _warn_of_rate(reference: MapRecord, windows: Descriptors) -> None:
-    """Warn if a drive that is not smoothed has far more or fewer events than the reference."""
-    settings = reference.settings
-    if settings.smooth or settings.matching != "filter":
-        return
-    # of the busier windows, so that a drive with long stops is not named
-    seen, before = (
-        float(np.quantile(each.selected_events, 0.75)) for each in (windows, reference.windows)
-    )
-    if before == 0 or before / 2 < seen < 2 * before:
-        return
-    warnings.warn(
-        f"a window of the drive has {seen / before:.2g} times as many events as one of the map: "
-        "only matching of the whole drive (smooth=True) tells other light or other biases of the "
-        "camera from another speed; to match live, make the map in the same light and biases",
-        EdgeVprWarning,
-        stacklevel=4,
     )
 
 

@@ -415,8 +415,8 @@ _MATCHING = _group(
         valid=lambda number: number in (1, 7),
         expected="1 or 7",
         more="With 7, neither another speed than that of the map nor another light or camera is "
-        "taken for the other; they need contrast codes and windows of time, and match at the end "
-        "of each window. Devices have 1. See docs/place_filter.md.",
+        "taken for the other. Codes that are not contrast codes, and windows by count, have 1. See "
+        "docs/place_filter.md.",
         needs=_FILTER,
     ),
     smooth=SettingField(
@@ -504,7 +504,7 @@ class Settings:
     remove_bursts: bool = True
     matching: Matching = "sequence"
     filter_restart: int = 16
-    gains: int = 1
+    gains: int = 7
     smooth: bool = False
     sequence_length: int = 5
     exclusion: int = 3
@@ -523,11 +523,6 @@ class Settings:
                 "or map the reference with places_per_window = 1"
             )
         self._check_code()
-        if self.gains > 1 and self.profile != "robot":
-            raise UsageError(
-                f"setting gains = {self.gains}: needs the place filter with contrast codes and "
-                "windows of time; set gains to 1, or take preset default"
-            )
 
     @property
     def events_per_window(self) -> int:
@@ -565,6 +560,11 @@ class Settings:
         if self.places_per_window is not None:
             return self
         return replace(self, places_per_window=reference.places_per_window)
+
+    @property
+    def hypotheses(self) -> int:
+        """Number of gains that the filter follows: with other codes or windows by count, 1."""
+        return self.gains if self.profile == "robot" else 1
 
     @property
     def running_mean(self) -> bool:
@@ -649,7 +649,7 @@ class Settings:
         shared = (self.matching, self.exclusion)
         if self.matching == "sequence":
             return (*shared, self.sequence_length)
-        return (*shared, self.filter_restart, self.gains, self.smooth)
+        return (*shared, self.filter_restart, self.hypotheses, self.smooth)
 
     @property
     def own_mean_code(self) -> OwnMeanCode | None:
@@ -750,6 +750,7 @@ class MatchingChanges(TypedDict, total=False):
 
     matching: Matching
     filter_restart: int
+    gains: int
     smooth: bool
     sequence_length: int
     exclusion: int

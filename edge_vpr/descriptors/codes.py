@@ -15,8 +15,9 @@ import numpy.typing as npt
 from edge_vpr.descriptors.windows import Descriptors, find_pauses, possible_starts
 from edge_vpr.errors import MapError
 from edge_vpr.settings import Settings
+from fixedpoint.activity import SUMS
 from fixedpoint.codes import PixelCodes
-from fixedpoint.own_mean import OwnMeanCode, RunningMean
+from fixedpoint.own_mean import FULL_SCALE, OwnMeanCode, RunningMean
 
 FullScale = npt.NDArray[np.uint16]
 
@@ -78,42 +79,127 @@ def drive_mean(
     return code.mean(moving)
 
 
-def encode_own(counted: Descriptors, code: OwnMeanCode, mean_activity: int) -> Descriptors:
+#: of the windows of a reference, one in so many may have more events at a pixel than count
+LIMIT_SHARE = 50
+
+
+def limits_of(counts: npt.NDArray[np.integer]) -> npt.NDArray[np.int32]:
+    """Return the largest number of events of each pixel that count in a window.
+
+    The number of events says how fast a robot drives, and a pixel that is hot, or in a flickering
+    light, must not say it alone.
+
+    Parameters
+    ----------
+    counts : ndarray of int, shape (n, J)
+        Windows of the reference.
+
+    Returns
+    -------
+    ndarray of int32, shape (J,)
+        The largest count that at most one window in 50 exceeds, at most that of a full counter.
+    """
+    n = len(counts)
+    rank = n - 1 - n // LIMIT_SHARE
+    of_rank = np.partition(counts, rank, axis=0)[rank].astype(np.int64)
+    return np.minimum(of_rank, FULL_SCALE).astype(np.int32)
+
+
+def counted_events(
+    counts: npt.NDArray[np.integer], limits: npt.NDArray[np.int32]
+) -> npt.NDArray[np.int64]:
+    """Return the events of each window that count: of each pixel no more than its limit.
+
+    Parameters
+    ----------
+    counts : ndarray of int, shape (n, J)
+        Of each window.
+    limits : ndarray of int32, shape (J,)
+        See `limits_of`.
+
+    Returns
+    -------
+    ndarray of int64, shape (n,)
+    """
+    return np.minimum(counts, limits).sum(axis=1, dtype=np.int64)
+
+
+def encode_own(
+    counted: Descriptors, code: OwnMeanCode, mean_activity: int, gains: int
+) -> Descriptors:
     """Code a recorded query with its mean over the whole drive.
 
     Parameters
     ----------
     counted : Descriptors
-        Counts.
+        Counts, and the events that count.
     mean_activity : int
         Of the reference, see `activity_of_drive`.
+    gains : int
+        Whether sums of windows are coded too, each with a mean of its own: not for one gain.
     """
-    own = drive_mean(counted, code, mean_activity)
-    return _replaced(counted, code.encode(counted.counts, own))
+    coded = []
+    for windows in SUMS[: len(SUMS) if gains > 1 else 1]:
+        some = replace(counted, counts=newest(counted.counts, windows))
+        coded.append(code.encode(some.counts, drive_mean(some, code, mean_activity)))
+    return _replaced(counted, coded)
 
 
 def encode_running(
-    counted: Descriptors, code: OwnMeanCode, mean: npt.NDArray[np.int32], mean_activity: int
+    counted: Descriptors,
+    code: OwnMeanCode,
+    mean: npt.NDArray[np.int32],
+    mean_activity: int,
+    gains: int,
 ) -> Descriptors:
     """Code each window of a query with the running mean of the windows before it, as on a robot.
 
     Parameters
     ----------
     counted : Descriptors
-        Counts.
+        Counts, and the events that count.
     mean : ndarray of int32, shape (J,)
         Of the reference: where the running mean starts.
     mean_activity : int
         Of the reference, see `activity_of_drive`.
+    gains : int
+        See `encode_own`.
     """
-    running, coded = RunningMean(mean), np.empty(counted.counts.shape, dtype=np.uint8)
-    paused = find_pauses(counted.selected_events, mean_activity)
-    for i, counts in enumerate(counted.counts):
-        coded[i] = code.encode(counts, running.mean)
-        if not paused[i]:
-            running.update(code.level(counts))
+    paused, coded = find_pauses(counted.selected_events, mean_activity), []
+    for windows in SUMS[: len(SUMS) if gains > 1 else 1]:
+        running, of_sum = RunningMean(mean), np.empty(counted.counts.shape, dtype=np.uint8)
+        for i, counts in enumerate(newest(counted.counts, windows)):
+            of_sum[i] = code.encode(counts, running.mean)
+            if not paused[i]:
+                running.update(code.level(counts))
+        coded.append(of_sum)
     return _replaced(counted, coded)
 
 
-def _replaced(counted: Descriptors, coded: npt.NDArray[np.uint8]) -> Descriptors:
-    return replace(counted, counts=coded, selected=counted.selected_events)
+def newest(counts: npt.NDArray[np.integer], windows: int) -> npt.NDArray[np.integer]:
+    """Return the sums of so many newest windows at each window, of fewer at the start.
+
+    Parameters
+    ----------
+    counts : ndarray of int, shape (n, J)
+        Of each window.
+
+    Examples
+    --------
+    >>> newest(np.array([[1], [2], [3]]), 2).tolist()
+    [[1], [3], [5]]
+    """
+    if windows == 1:
+        return counts
+    total = np.cumsum(counts, axis=0, dtype=np.int64)
+    total[windows:] -= total[:-windows].copy()
+    return total
+
+
+def _replaced(counted: Descriptors, coded: list[npt.NDArray[np.uint8]]) -> Descriptors:
+    return replace(
+        counted,
+        counts=coded[0],
+        selected=counted.selected_events,
+        summed=np.stack(coded[1:], axis=1) if len(coded) > 1 else None,
+    )

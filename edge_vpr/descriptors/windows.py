@@ -129,7 +129,10 @@ class Descriptors(EqualByValue):
     events : ndarray of int64, shape (n,)
         Events of the whole sensor in each window.
     selected : ndarray of int64, shape (n,), optional
-        Events at the selected pixels, which cannot be computed from codes.
+        Events at the selected pixels, which cannot be computed from codes; of codes those that
+        count, see `codes.counted_events`.
+    summed : ndarray of uint8, shape (n, 2, J), optional
+        Codes of the newest 2 and 4 windows together, for a filter over gains.
     """
 
     counts: npt.NDArray[np.unsignedinteger]
@@ -137,6 +140,7 @@ class Descriptors(EqualByValue):
     end_us: npt.NDArray[np.int64]
     events: npt.NDArray[np.int64]
     selected: npt.NDArray[np.int64] | None = None
+    summed: npt.NDArray[np.uint8] | None = None
 
     def __len__(self) -> int:
         return len(self.start_us)
@@ -151,7 +155,7 @@ class Descriptors(EqualByValue):
 
     def to_arrays(self) -> dict[str, npt.NDArray[Any]]:
         """Return the arrays by name, for an archive; the inverse of `from_arrays`."""
-        names = ("counts", "start_us", "end_us", "events", "selected")
+        names = ("counts", "start_us", "end_us", "events", "selected", "summed")
         return present(**{name: getattr(self, name) for name in names})
 
     @classmethod
@@ -163,6 +167,7 @@ class Descriptors(EqualByValue):
             arrays["end_us"],
             arrays["events"],
             arrays.get("selected"),
+            arrays.get("summed"),
         )
 
     def take(self, windows: npt.NDArray[np.integer] | npt.NDArray[np.bool_] | slice) -> Descriptors:
@@ -236,6 +241,8 @@ def check_descriptors(descriptors: Descriptors, counters: int) -> None:
     if descriptors.selected is not None:
         check_array(descriptors.selected, "selected", (np.int64,), (n,))
         check_range(descriptors.selected, "selected", 0, TIME_LIMIT_US // n)
+    if descriptors.summed is not None:
+        check_array(descriptors.summed, "summed", (np.uint8,), (n, 2, counters))
     if (descriptors.end_us < descriptors.start_us).any():
         raise MapError("a window ends before it starts: expected end_us of start_us or later")
 

@@ -13,13 +13,13 @@ import numpy as np
 import numpy.typing as npt
 
 from edge_vpr.confidence import Acceptance, Confidence
-from edge_vpr.descriptors.windows import Descriptors, possible_starts
+from edge_vpr.descriptors.windows import Descriptors
 from edge_vpr.errors import MapError, UsageError, expect
 from edge_vpr.map_record import MapRecord
 from edge_vpr.matching.distances import BLOCK_DISTANCES, ReferenceIndex
-from edge_vpr.matching.filter_match import MISFIT, PLACE, TRUST, FilterMatch
+from edge_vpr.matching.filter_match import MISFIT, TRUST, FilterMatch
 from edge_vpr.matching.matches import CANDIDATES, Matches
-from edge_vpr.matching.place_filter import NUMBER_NAMES, PlaceFilter, WindowRows
+from edge_vpr.matching.place_filter import PlaceFilter, WindowRows
 from edge_vpr.matching.prediction import Metrics, Travelled, check_no_transitions
 from edge_vpr.matching.search import nearest_places
 from edge_vpr.matching.sequences import match_by_sequences, sequence_distances
@@ -32,7 +32,7 @@ from edge_vpr.settings import Settings
 
 
 #: number of metrics, and of evidence values, in memory at a time while a drive is smoothed
-_SEGMENT_VALUES = 40_000_000
+_SEGMENT_VALUES = 10_000_000
 #: largest matrix of distances in memory
 MOST_BYTES = 2 << 30
 
@@ -120,11 +120,10 @@ def filter_drive(
     drive = _Drive(place_filter, index, queries, travelled, driven)
     found = FilteredDrive.empty(n, metrics)
     if smooth:
-        _start_likelier(drive)
         _smooth(drive, found)
         return found
     for first, _, rows in drive.advance(0, n):
-        found.put(first, rows.columns, rows.metrics)
+        found.put(first, rows.columns, rows.least)
     return found
 
 
@@ -156,35 +155,23 @@ class _Drive(NamedTuple):
             distance = self.travelled[first]
             if distance is not None:
                 self.place_filter.predict_travelled(distance, self.driven[first])
-            distances = self.reference.rows(self.queries.counts[first:last])
+            distances = self._distances(first, last)
             yield first, last, self.place_filter.update_windows(distances, events[first:last])
+
+    def _distances(self, first: int, last: int) -> npt.NDArray[np.integer]:
+        """Return the distances of the sums of windows to all places, shape (n, sums, K)."""
+        of_sums = [self.queries.counts[first:last]]
+        if self.place_filter.sums > 1:
+            assert self.queries.summed is not None
+            of_sums += [self.queries.summed[first:last, i] for i in range(2)]
+        return np.stack([self.reference.rows(codes) for codes in of_sums], axis=1)
 
     def rows(self, begin: int, end: int) -> WindowRows:
         """Advance from window `begin` to before `end`, and return all results."""
-        rows = WindowRows.empty(end - begin, self.reference.places)
+        rows = WindowRows.empty(end - begin, self.place_filter.sums, self.reference.places)
         for first, last, some in self.advance(begin, end):
             rows.part(first - begin, last - begin).take(some)
         return rows
-
-
-def _start_likelier(drive: _Drive) -> None:
-    """Start the mean activity where the whole drive is then matched with the most trust."""
-    place_filter, events = drive.place_filter, drive.queries.selected_events
-    metric, numbers = place_filter.state.metric.copy(), place_filter.numbers
-    at = NUMBER_NAMES.index("mean_activity")
-
-    def begin(start: int) -> None:
-        place_filter.resume(metric, (*numbers[:at], start, *numbers[at + 1 :]))
-
-    def trust(start: int) -> int:
-        begin(start)
-        found = FilteredDrive.empty(len(events), None)
-        _smooth(drive, found)
-        return int(found.columns[:, TRUST].sum())
-
-    starts = possible_starts(events, numbers[at]) if len(events) else ()
-    if len(starts) > 1:
-        begin(max(starts, key=trust))
 
 
 def _smooth(drive: _Drive, found: FilteredDrive) -> None:
@@ -198,27 +185,26 @@ def _smooth(drive: _Drive, found: FilteredDrive) -> None:
     begins = list(range(0, n, length))
     states = []
     for begin in begins[:-1]:
-        states.append((place_filter.state.metric.astype(np.uint16), place_filter.numbers))
+        states.append(place_filter.to_arrays())
         for _ in drive.advance(begin, begin + length):
             pass
     cost_to_go = BackwardPass(place_filter.transitions)
-    residual, informative = np.empty(n, dtype=np.int64), np.empty(n, dtype=np.bool_)
+    best, residual = np.empty(n, dtype=np.int64), np.empty(n, dtype=np.int64)
+    informative = np.empty(n, dtype=np.bool_)
     for begin in reversed(begins):
         if begin != begins[-1]:
-            metric, numbers = states.pop()
-            place_filter.resume(metric.astype(np.int32), numbers)
+            place_filter.resume(states.pop())
         end = min(begin + length, n)
         rows = drive.rows(begin, end)
-        cost_to_go.add_to(rows, drive.travelled[begin:end])
-        residual[begin:end] = rows.evidence[np.arange(end - begin), rows.columns[:, PLACE]]
-        informative[begin:end] = rows.factor > 0
+        cost_to_go.add_to(rows, drive.travelled[begin:end], residual[begin:end])
+        best[begin:end], informative[begin:end] = rows.best[:, 0], rows.factor[:, 0] > 0
         for first in range(0, end - begin, drive.block):
             some = rows.part(first, min(first + drive.block, end - begin))
-            found.put(begin + first, some.columns, some.metrics)
+            found.put(begin + first, some.columns, some.least)
         del rows, some  # or two segments would be in memory while the next one is computed
     columns = found.columns
     columns[:, TRUST] = smoothed_trust(
-        columns[:, PLACE],
+        best,
         columns[:, TRUST],
         residual,
         drive.travelled,
@@ -291,6 +277,7 @@ def match_descriptors(
     check_counts(places, queries)
     acceptance = Acceptance.of(settings, confidence)
     if settings.matching == "filter":
+        check_summed(queries, settings)
         place_filter = PlaceFilter.of(places, settings, jumps, along_mm)
         index = ReferenceIndex(places.counts)
         return match_by_filter(place_filter, index, queries, settings, acceptance, odometry)
@@ -306,6 +293,15 @@ def check_counts(places: Descriptors, queries: Descriptors) -> None:
         raise MapError(
             f"reference descriptors have {places.counts.shape[1]} counts and the query's "
             f"{queries.counts.shape[1]}: describe both with the same map"
+        )
+
+
+def check_summed(queries: Descriptors, settings: Settings) -> None:
+    """Raise MapError if a filter over gains would get no codes of sums of windows."""
+    if settings.hypotheses > 1 and queries.summed is None:
+        raise MapError(
+            f"the queries have codes of single windows, and gains = {settings.gains} needs those "
+            "of sums too: describe them with the map (describe_query), or set gains to 1"
         )
 
 
@@ -393,6 +389,7 @@ def drive_distances(
             f"{size / 1e9:.1f} GB: read a part (end=), or take longer windows (tau=)"
         )
     if settings.matching == "filter":
+        check_summed(queries, settings)
         out = np.empty((len(places), len(queries)))
         filter_drive(
             PlaceFilter.of(places, settings, jumps, along_mm), ReferenceIndex(places.counts),

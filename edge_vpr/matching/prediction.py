@@ -89,7 +89,7 @@ class TransitionCosts:
         Windows with a fixed number of events all have the same activity.
         """
         by_activity = settings.window == "time"
-        return cls(settings.filter_restart, settings.window_parts, by_activity, settings.gains)
+        return cls(settings.filter_restart, settings.window_parts, by_activity, settings.hypotheses)
 
     @property
     def by_step(self) -> Narrow:
