@@ -34,8 +34,10 @@ from edge_vpr.online.sliding_windows import (
     note,
     recode,
     take_moves,
+    write_distances_of_sums,
 )
 from edge_vpr.online.sums import least_in, ties_behind
+from fixedpoint.activity import SUMS
 
 # Kernels that match: the best place and the confidence in it.
 
@@ -111,7 +113,7 @@ def _second(sums, best, exclusion, places):
 
 
 @kernel(inner=True)
-def match_now(state, filter_table, rows, sums, total, c, length, events, over, row):
+def match_now(state, filter_table, rows, s, total, c, length, limits, over, row):
     """Match by the place filter or by sequences, or end the window of the place filter.
 
     `state`, `filter_table` and `rows` are None with sequences, `length` with the place filter.
@@ -119,11 +121,9 @@ def match_now(state, filter_table, rows, sums, total, c, length, events, over, r
 
     Parameters
     ----------
-    state, filter_table, rows, sums, total, c, length
+    state, filter_table, rows, s, total, c, length, limits
         Of `OnlineState`, without pending moves. `rows` is updated, and in `c` the place of the last
         match, or whether the window was a pause.
-    events : int
-        Number of events in the newest window, at selected pixels.
     over : bool
         Whether the window ends: the filter then advances, and there is no match.
     row : record of MATCH_DTYPE
@@ -136,16 +136,21 @@ def match_now(state, filter_table, rows, sums, total, c, length, events, over, r
     """
     if state is None:
         if length is not None:
-            return sequence_match(sums, total, c, length, row)
+            return sequence_match(s.sums, total, c, length, row)
         return False
     state, rows = FilterState(*state), WindowRows(*rows)
-    metric, found = rows.metrics[0], rows.columns[0]
-    # without their common part: only differences of distances matter
-    distances = sums[: metric.size]
-    matched = match_window(state, FilterTable(*filter_table), distances, events, rows, 0)
+    found = rows.columns[0]
+    distances = np.empty(rows.evidence.shape[1:], dtype=np.int32)
+    write_distances_of_sums(
+        ContrastCodes(*s.contrast), s.counts, s.totals, s.columns, s.sums, SUMS, distances
+    )
+    events = np.int64(0)
+    for j in range(limits.size):
+        events += min(s.counts[0, j], limits[j])
+    match_window(state, FilterTable(*filter_table), distances, events, rows, 0)
     if over:
         c.paused = is_pause(events, state.numbers[0].mean_activity)
-        end_window(state, distances, events, metric, matched)
+        end_window(state, rows.metrics[0])
         return False
     best = found[PLACE]
     if c.change and best == c.last_reported:
@@ -243,6 +248,7 @@ CONTROL = np.dtype(
         ("exclusion", "<i8"),  # of sequences: width of the zone around the best place
         ("least_trust", "<i8"),  # of a match that is accepted
         # place filter
+        ("windows", "<i8"),  # windows that a match compares
         ("window_end", "<i8"),  # end of the current window; `NEVER` with sequences
         ("paused", "<i8"),  # whether the window that ended last was a pause
         # events
@@ -270,6 +276,8 @@ class OnlineState(NamedTuple):
         Scratch of the place filter, for one window.
     length : int or None
         L of sequences; None with the place filter.
+    limits : ndarray of int64, shape (J,)
+        Largest number of events of each pixel that counts in a window, of the place filter.
     control : ndarray of CONTROL, shape (1,)
         Numbers of the kernel.
     trust_steps, probability_steps : ndarray of int64 and float64, shape (m,)
@@ -287,6 +295,7 @@ class OnlineState(NamedTuple):
     filter_table: FilterTable | None
     rows: WindowRows | None
     length: int | None
+    limits: npt.NDArray[np.int64]
     control: npt.NDArray[np.void]
     trust_steps: npt.NDArray[np.int64]
     probability_steps: npt.NDArray[np.float64]
@@ -344,7 +353,7 @@ def process_events(kernel_state, events, until):
     saturation, contrast = s.saturation, ContrastCodes(*s.contrast)
     columns, sums, changes = s.columns, s.sums, s.changes
     state, filter_table, rows, length = f.filter, f.filter_table, f.rows, f.length
-    tau, n, windows, mask = s.tau, s.n, s.counts.shape[0], s.slot.size - 1
+    tau, n, lags, mask = s.tau, s.n, s.counts.shape[0], s.slot.size - 1
     given, i, end = 0, c.read, c.selected
     # a countdown, because a division would take as long as the rest of processing an event
     left = c.every - bound[0] % c.every if c.every > 0 else np.int64(-1)
@@ -373,7 +382,7 @@ def process_events(kernel_state, events, until):
         if tick and not over:
             c.next_tick += c.interval
         elif not over:
-            if bound[0] - bound[windows] > mask:
+            if bound[0] - bound[lags] > mask:
                 why = RING_FULL
                 break
             ring_slot[bound[0] & mask] = slots[i]
@@ -385,14 +394,14 @@ def process_events(kernel_state, events, until):
             if left != 0:
                 continue
             left = c.every
-        complete = seen_until >= windows * tau if tau > 0 else bound[0] >= windows * n
+        complete = seen_until >= c.windows * tau if tau > 0 else bound[0] >= c.windows * n
         if not complete:
             continue
         take_moves(moves, totals, counts, saturation, counters, columns, sums, changes)
         if saturation == 0:
             recode(contrast, counts, totals, counters, columns, sums, changes)
         row, in_window = out[given], bound[0] - bound[1]
-        if match_now(state, filter_table, rows, sums, totals[0], c, length, in_window, over, row):
+        if match_now(state, filter_table, rows, s, totals[0], c, length, f.limits, over, row):
             row["time_us"], row["events"] = now, in_window
             # start of a fixed-count window: the time of its oldest event
             row["start_us"] = seen_until - tau if tau > 0 else ring_time[bound[1] & mask]

@@ -42,6 +42,7 @@ from edge_vpr.online.sliding_windows import (
     with_distances,
 )
 from edge_vpr.route import Odometer, OdometerCheck
+from fixedpoint.activity import SUMS
 from fixedpoint.own_mean import OwnMeanCode, RunningMean
 
 
@@ -125,15 +126,19 @@ def _state_before(
             first.least_trust = acceptance.confidence.least_trust(acceptance.precision)
     filter_state = filter_table = rows = None
     length = settings.windows_per_match if place_filter is None else None
+    first.windows, limits = settings.windows_per_match, np.empty(0, dtype=np.int64)
     if place_filter is not None:
+        assert reference.limits is not None
         filter_state, filter_table = place_filter.state, place_filter.transitions.table
-        rows = WindowRows.empty(1, len(place_filter))
+        rows = WindowRows.empty(1, place_filter.sums, len(place_filter))
+        limits = reference.limits.astype(np.int64)
     return OnlineState(
         windows,
         filter_state,
         filter_table,
         rows,
         length,
+        limits,
         control,
         trust,
         probability,
@@ -177,7 +182,9 @@ class MatchRun:
         if code is None:
             shared = settings.shared_code
             code = UNLIMITED if shared is None else shared.top
-        windows = start(self.places, window, settings.windows_per_match, code, reference.mean)
+        sums = SUMS[: 1 if place_filter is None else place_filter.sums]
+        length = max(settings.windows_per_match, sums[-1])
+        windows = start(self.places, window, length, code, reference.mean, len(sums))
         state = _state_before(reference, windows, schedule, place_filter)
         # not a record array, whose field access takes 1 us
         self._control = np.asarray(state.control).view(CONTROL)[0]
@@ -307,8 +314,8 @@ class FilterRun(MatchRun):
     ----------
     odometer_check : OdometerCheck
         Check of live odometer readings.
-    mean : RunningMean
-        Of contrast codes.
+    means : list of RunningMean
+        Of the contrast codes of each sum of windows.
     """
 
     def __init__(self, reference: MapRecord, window: Window, schedule: MatchSchedule) -> None:
@@ -319,7 +326,8 @@ class FilterRun(MatchRun):
         self.odometer = Odometer(self.place_filter.transitions.spacing_mm)
         self.odometer_check = OdometerCheck(*_means_per_s(reference))
         assert reference.own_mean_code is not None and reference.mean is not None
-        self._code, self.mean = reference.own_mean_code, RunningMean(reference.mean)
+        self._code = reference.own_mean_code
+        self.means = [RunningMean(reference.mean) for _ in range(self.place_filter.sums)]
         self._windows = 0  # finished
         self._silence: tuple[object, ...] = ()  # the filter after a window without events
         self._set_window_end()
@@ -343,8 +351,9 @@ class FilterRun(MatchRun):
         self._windows += 1
         self.odometer.end_window()
         if not self._control["paused"]:
-            self.mean.update(self._code.level(s.counts[0]))
-            s.contrast.means[:] = self.mean.mean
+            for i, mean in enumerate(self.means):
+                mean.update(self._code.level(s.counts[: SUMS[i]].sum(axis=0)))
+                s.contrast.means[i] = mean.mean
         if s.bound[0] == s.bound[1]:
             self._skip_silence(read)
         else:
@@ -355,7 +364,7 @@ class FilterRun(MatchRun):
         """Skip windows without events once they leave the filter unchanged."""
         found, c = self.place_filter, self._control
         before = self._silence
-        self._silence = found.numbers, found.state.metric.tobytes()
+        self._silence = tuple(part.tobytes() for part in found.to_arrays().values())
         if self._silence == before and not odometry:
             read, until = c["read"], c["until"]
             if read < c["selected"]:
@@ -367,24 +376,21 @@ class FilterRun(MatchRun):
     def to_arrays(self) -> Arrays:
         """Return the arrays that `resume` needs, for an archive."""
         found, meter = self.place_filter, self.odometer
-        state = [*found.numbers, self._windows]
-        arrays = super().to_arrays() | {
-            "filter_metric": found.state.metric,
-            "filter_state": np.array(state, dtype=np.int64),
-        }
+        arrays = super().to_arrays() | found.to_arrays()
+        arrays["filter_windows"] = np.array([self._windows], dtype=np.int64)
         if meter.fresh or meter.anchored or meter.anchor != meter.latest:
             state = [meter.latest, meter.anchor, meter.fresh, meter.anchored, meter.before]
             arrays["filter_odometer"] = np.array(state, dtype=np.int64)
             arrays["odometer_check"] = self.odometer_check.to_array()
-        arrays["filter_mean"] = self.mean.total
-        arrays["filter_mean_windows"] = np.array([self.mean.windows], dtype=np.int64)
+        arrays["filter_mean"] = np.stack([mean.total for mean in self.means])
+        arrays["filter_mean_windows"] = np.array([self.means[0].windows], dtype=np.int64)
         return arrays
 
     def resume(self, arrays: Arrays, now_us: int, floor_us: int) -> None:
         """Restore the state from the arrays of `to_arrays`."""
         found = self.place_filter
-        *numbers, self._windows = arrays["filter_state"].tolist()
-        found.resume(arrays["filter_metric"], numbers)
+        found.resume(arrays)
+        (self._windows,) = arrays["filter_windows"].tolist()
         if "filter_odometer" in arrays:
             meter = self.odometer
             meter.latest, meter.anchor, fresh, anchored, meter.before = arrays[
@@ -394,9 +400,10 @@ class FilterRun(MatchRun):
             self.odometer_check.resume(arrays["odometer_check"])
             self._travel()
         self._set_window_end()
-        self.mean.total = arrays["filter_mean"].copy()
-        self.mean.windows = int(arrays["filter_mean_windows"][0])
-        self.state.windows.contrast.means[:] = self.mean.mean
+        for i, mean in enumerate(self.means):
+            mean.total = arrays["filter_mean"][i].copy()
+            mean.windows = int(arrays["filter_mean_windows"][0])
+            self.state.windows.contrast.means[i] = mean.mean
         super().resume(arrays, now_us, floor_us)
 
 

@@ -51,8 +51,9 @@ class ContrastCodes(NamedTuple):
     ----------
     levels : ndarray of int32, shape (size,)
         Logarithm of each count, see `OwnMeanCode`; empty where the windows hold counts.
-    means : ndarray of int32, shape (J,)
-        Mean logarithm of each counter, in units of 1/256 octave.
+    means : ndarray of int32, shape (sums, J)
+        Mean logarithm of each counter in the newest window, and in sums of the newest windows, in
+        units of 1/256 octave.
     codes : ndarray of int64, shape (2, J)
         Codes that the distances include, and scratch.
     bits : int
@@ -145,6 +146,7 @@ def start(
     length: int,
     code: OwnMeanCode | int,
     mean: npt.NDArray[np.int32] | None = None,
+    sums: int = 1,
 ) -> SlidingWindows:
     """Build the state before the first event.
 
@@ -153,17 +155,19 @@ def start(
     places : ndarray of unsigned int, shape (K, J)
         Map, in its codes.
     length : int
-        L.
+        L; with contrast codes, which compare the newest window, the longest sum of windows.
     code : OwnMeanCode or int
         Contrast code of the counts; or the count at which they saturate, or `UNLIMITED`.
     mean : ndarray of int32, shape (J,), optional
         Initial means of contrast codes.
+    sums : int
+        Number of sums of windows that have contrast codes.
     """
     counters = places.shape[1]
-    levels, means, bits = np.empty(0, dtype=np.int32), np.zeros(counters, dtype=np.int32), 0
+    levels, means, bits = np.empty(0, dtype=np.int32), np.zeros((1, counters), dtype=np.int32), 0
     if isinstance(code, OwnMeanCode) and mean is not None:
         # copies, because Numba gives read-only arrays another type
-        levels, means, bits = code.levels.copy(), mean.copy(), code.bits
+        levels, means, bits = code.levels.copy(), np.tile(mean, (sums, 1)), code.bits
     state = SlidingWindows(
         slot=np.zeros(RING_EVENTS, dtype=np.int32),
         time=np.zeros(RING_EVENTS, dtype=np.int64),
@@ -185,7 +189,7 @@ def start(
 
 def with_distances(s: SlidingWindows, places: npt.NDArray[np.unsignedinteger]) -> SlidingWindows:
     """Return the state with a map laid out by pixel, and all distances of the current counters."""
-    length = len(s.counts)
+    length = 1 if s.contrast.levels.size else len(s.counts)
     # an odd number of whole vectors: with a power of two, all columns of a place would compete for
     # the same cache lines
     count, stride = len(places) - length + 1, (len(places) // LANES + 2 | 1) * LANES
@@ -235,7 +239,7 @@ def _find_least(sums: npt.NDArray[np.unsignedinteger], count: int) -> None:
 def _coded(s: SlidingWindows) -> npt.NDArray[np.int64]:
     """Return the codes of the counters of each lag, shape (L, J); contrast codes are stored too."""
     if s.contrast.levels.size:
-        plain(write_codes)(s.counts[0], s.contrast, s.contrast.codes[0])
+        plain(write_codes)(s.counts[0], s.contrast, 0, s.contrast.codes[0])
         return s.contrast.codes[:1]
     return np.minimum(s.counts, s.saturation)
 
@@ -353,7 +357,7 @@ def recode(contrast, counts, totals, counters, columns, sums, changes):
 
     Most codes stay the same; only changed ones take a pass over the places.
     """
-    write_codes(counts[0], contrast, contrast.codes[1])
+    write_codes(counts[0], contrast, np.int64(0), contrast.codes[1])
     noted = (0, 0)
     for slot in range(contrast.codes.shape[1]):
         before, now = contrast.codes[0, slot], contrast.codes[1, slot]
@@ -381,17 +385,19 @@ def advance(s, until):
 
 
 @kernel(inline="always")
-def write_codes(counts, contrast, out):
+def write_codes(counts, contrast, of_sum, out):
     """Compute the contrast codes of a window, as `OwnMeanCode.encode` does.
 
     Parameters
     ----------
     counts : ndarray of int64, shape (J,)
-        Counters of the window.
+        Counters of the window, or of a sum of windows.
+    of_sum : int
+        Which of the means are those of these counters.
     out : ndarray of int64, shape (J,)
         Codes.
     """
-    levels, means, bits = contrast.levels, contrast.means, contrast.bits
+    levels, means, bits = contrast.levels, contrast.means[of_sum], contrast.bits
     half, total = np.int64(1 << (bits - 1)), np.int64(0)
     for j in range(out.size):
         out[j] = levels[min(counts[j], levels.size - 1)] - means[j]
@@ -399,3 +405,37 @@ def write_codes(counts, contrast, out):
     offset = np.int64(1 << (LEVEL_FRACTION_BITS - 1)) - (2 * total + out.size) // (2 * out.size)
     for j in range(out.size):
         out[j] = min(max((out[j] + offset) >> LEVEL_FRACTION_BITS, -half), half - 1) + half
+
+
+@kernel(inner=True)
+def write_distances_of_sums(contrast, counts, totals, columns, sums, windows, out):
+    """Write the distances of the newest window and of sums of the newest windows to all places.
+
+    Parameters
+    ----------
+    counts : ndarray of int64, shape (L, J)
+        Events in each lag.
+    sums : ndarray of uint16 or uint32
+        Distances of the newest window, less a common part.
+    windows : tuple of int
+        Number of windows of each sum; the first is 1.
+    out : ndarray of int32, shape (sums, K)
+        Distances; each row less some constant.
+    """
+    places, counters, stride = out.shape[1], counts.shape[1], totals[0].stride
+    for k in range(places):
+        out[0, k] = sums[k]
+    total, codes = np.empty(counters, dtype=np.int64), np.empty(counters, dtype=np.int64)
+    for s in range(1, len(out)):
+        for j in range(counters):
+            total[j] = 0
+            for lag in range(windows[s]):
+                total[j] += counts[lag, j]
+        write_codes(total, contrast, s, codes)
+        row = out[s]
+        for k in range(places):
+            row[k] = 0
+        for j in range(counters):
+            code, column = np.int32(codes[j]), columns[j * stride : j * stride + places]
+            for k in range(places):
+                row[k] += abs(np.int32(column[k]) - code)
