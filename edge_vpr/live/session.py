@@ -165,8 +165,10 @@ class LiveSession:
         A file with the suffix ``.state``, in which the session keeps what it knows of the drive,
         every two seconds and at its end; a session with the same map and settings goes on from
         there. A state that is older than a silence of the camera's clock may be (60 s; 600 s where
-        a checksum protects times), or is damaged, is not used, and a message says so. Not with
-        `learn`; files and pipes have none.
+        a checksum protects times), or is damaged, is not used, and a message says so. After another
+        start of the machine its age is not known, and the robot may be as far from there as this
+        time allows. Not with `learn`; files and pipes have none. Each session needs a file of its
+        own.
     settings : Settings or str, optional
         Of the map to write, or the name of a preset; by default those of `reference`.
     overwrite : bool
@@ -274,6 +276,7 @@ class LiveSession:
         self.removed = Removed()
         self._warm = self._opened = self._closed = self._raised = False
         self._given = self._jumps = self._heard_us = 0
+        self._heard_s = 0.0
         # readings of the odometer that wait, and when each came
         self._shown: deque[tuple[float, int]] = deque(maxlen=_MOST_SHOWN)
         self._newest: LiveMatch | None = None
@@ -291,7 +294,7 @@ class LiveSession:
                     f"state {self._state}: it is of matching with a map: give reference=, and "
                     "leave out learn="
                 )
-            check_state_file(self._state)
+            check_state_file(self._state, self._overwrite)
         seen: set[Path] = set()
         for path in filter(None, (*self._record, self._learn)):
             if path.resolve() in seen:
@@ -359,9 +362,10 @@ class LiveSession:
         self.warm_up()
         reference, decoder = self.reference, self.decoder
         self._state_file: StateFile | None = None
-        if self._state is not None and reference is not None:
-            self._state_file = StateFile(self._state, reference, self._every, self._say)
         with contextlib.ExitStack() as work, contextlib.ExitStack() as stack:
+            if self._state is not None and reference is not None:
+                self._state_file = StateFile(self._state, reference, self._every, self._say)
+                stack.callback(self._state_file.release)
             self._reader = LinkReader(
                 self._open_link, address=self._address,
                 setup=decoder.setup(), teardown=decoder.teardown(),
@@ -548,9 +552,10 @@ class LiveSession:
             return LiveStep(None, now, self._new_readings(), self._outdated(now))
         self._line.heard(chunk.at_s)
         self._recorder.write_bytes(chunk.data)  # first, so that errors can be reproduced
+        self._heard_s = chunk.at_s
         self._heard_us = int(1e6 * (time.time() - (now - chunk.at_s)))
         if self._state_file is not None:
-            self._state_file.resume(self._live, self._heard_us, live_line=reader.live)
+            self._state_file.resume(self._live, chunk.at_s, live_line=reader.live)
         since_us = int((chunk.at_s - self._begin_s) * 1e6)
         result = self._live.feed(
             chunk.data, since_us, dropped=chunk.dropped, reopened=chunk.reopened
@@ -611,7 +616,7 @@ class LiveSession:
         """Do what remains after a step: odometer, requests to the camera, and messages."""
         reader, decoder = self._reader, self.decoder
         if step.result is not None and self._state_file is not None:
-            self._state_file.keep(self._live, self._heard_us)
+            self._state_file.keep(self._live, self._heard_s)
         self._look_at_odometer(time.monotonic())
         self._line.look(nothing_came=step.result is None)
         reader.send(decoder.to_send(time.monotonic()))
@@ -657,7 +662,7 @@ class LiveSession:
         self._misfits.look(result.matches["misfit"])
         self._recorder.write_events(result.events)
         if self._state_file is not None:
-            self._state_file.close(self._live, self._heard_us)
+            self._state_file.close(self._live, self._heard_s)
         self._stack.close()
         self.decoder.health.line_errors = self._reader.line_errors
         matches = self._matches(result, int(1e6 * time.time()))

@@ -188,7 +188,8 @@ def spoilt(what, state):
         write_archive(state, KIND, arrays, values)
         return "damaged"
     passed_s = {"old": -601, "of later": 3_600}[what]
-    write_archive(state, KIND, arrays, values | {"host_us": values["host_us"] + passed_s * 10**6})
+    kept_us = values["since_boot_us"] + passed_s * 10**6
+    write_archive(state, KIND, arrays, values | {"since_boot_us": kept_us})
     return "at most 600 s" if what == "old" else "later than now"
 
 
@@ -204,6 +205,75 @@ def test_a_state_that_cannot_be_used_is_told_and_costs_nothing_else(what, street
     assert "\n" not in said
     assert [(m.time_s, m.place) for m in found] == [(m.time_s, m.place) for m in expected]
     assert "goes on" in played(early, state, path)[1][0]
+
+
+@pytest.mark.parametrize("off_s", [-3_600, 3_600])
+def test_a_clock_that_is_set_in_the_meantime_changes_nothing(off_s, street, tmp_path, monkeypatch):
+    """As that of a computer without a battery for it, when the network tells the time."""
+    path, events, track = street
+    played(between(events, 0, 20), tmp_path / "run.state", path)
+    now = time.time
+    monkeypatch.setattr(time, "time", lambda: now() + off_s)
+    late = between(events, 20, 24)
+    found, (said,) = played(late, tmp_path / "run.state", path)
+    assert "goes on after" in said
+    assert abs(found[-1].along_m - track.at(late["t"][-1:])[0, 0]) < 8.0
+
+
+def test_after_another_start_of_the_machine_a_state_says_where_and_not_when(
+    street, tmp_path, monkeypatch
+):
+    """Which is seen at the place where it was, and as well where it may have come to since."""
+    path, events, track = street
+    played(between(events, 0, 10), tmp_path / "run.state", path)
+    state = (tmp_path / "run.state").read_bytes()
+    (tmp_path / "boot_id").write_text("another\n")
+    monkeypatch.setattr(state_module, "BOOT_ID", tmp_path / "boot_id")
+    for begin_s in (10, 20):
+        (tmp_path / "run.state").write_bytes(state)
+        late = between(events, begin_s, begin_s + 4)
+        late["t"] -= late["t"][0]
+        true_m = track.at(np.array([1e6 * (begin_s + 4)], dtype=np.int64))[0, 0]
+        found, (said,) = played(late, tmp_path / "run.state", path)
+        assert said == "goes on after another start of the machine"
+        assert (found[0].missing, found[-1].missing) == (1.0, 0.0)
+        assert abs(found[-1].along_m - true_m) < 8.0
+
+
+def test_two_sessions_do_not_keep_their_states_in_one_file(street, tmp_path):
+    """While one has it, another is refused; then it is free, and nothing else is left."""
+    path, events, _ = street
+    link = open_device_link("tcp://127.0.0.1:0")
+    state = tmp_path / "run.state"
+    first = LiveSession(link.address, protocol="evpr", reference=path, state=state)
+    first.open()
+    (tmp_path / "link.state").symlink_to(state)
+    for name in ("run.state", "link.state"):
+        second = LiveSession(link.address, protocol="evpr", reference=path, state=tmp_path / name)
+        with pytest.raises(UsageError, match="another session keeps its state there"):
+            second.open()
+    first.close()
+    link.close()
+    assert played(between(events, 0, 3), state, path)[0]
+    assert sorted(each.name for each in tmp_path.iterdir()) == ["link.state", "run.state"]
+
+
+def test_a_file_that_is_no_state_is_not_replaced(street, tmp_path):
+    path, events, _ = street
+    state = tmp_path / "run.state"
+    foreign = b"{}", b"PK\x03\x04 cut off", Path(path).read_bytes()
+    for content in foreign:
+        state.write_bytes(content)
+        damaged = content.startswith(b"PK") and content is not foreign[2]
+        for overwrite in (False, True):
+            words = {"protocol": "evpr", "reference": path, "state": state, "overwrite": overwrite}
+            if damaged or overwrite:
+                LiveSession("tcp://127.0.0.1:1", **words)
+                continue
+            with pytest.raises(UsageError, match=r"is no state of edge-vpr: .*overwrite=True"):
+                LiveSession("tcp://127.0.0.1:1", **words)
+        assert state.read_bytes() == content
+    assert "damaged" in played(between(events, 0, 3), state, path, overwrite=True)[1][0]
 
 
 def test_a_state_of_another_map_or_of_other_settings_is_not_used(street, tmp_path):
