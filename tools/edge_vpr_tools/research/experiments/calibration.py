@@ -1,6 +1,7 @@
 """The shipped tables of probabilities on simulated streets that they were not learnt from.
 
-Each street is mapped once and driven in three lights and speed profiles. Each drive has six
+Each street is mapped once and driven in ten ways: in other lights, at other speeds, with other
+thresholds of the camera, and with stops. Each drive has six
 versions: as it was; with a quarter of the places cut out of the map; with a detour through another
 street, as long as a quarter of the drive; with the camera carried to another part of the street and
 back; backwards; and of another street altogether. Matches of a robot have the running mean of the
@@ -41,8 +42,9 @@ from edge_vpr.evaluation.metrics import evaluate_rejection
 from edge_vpr.files import replacing
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.settings import PRESETS
-from edge_vpr.simulation import QUERY, REFERENCE, Drive, Light, SimulatedRecording, simulate_pair
+from edge_vpr.simulation import QUERY, REFERENCE, Light, SimulatedRecording, simulate_pair
 from edge_vpr_tools.report.tables import TableView
+from edge_vpr_tools.research.experiments.drives import STREETS, Second, second_drive
 from edge_vpr_tools.research.experiments.experiment import Draw, Drives, Experiment, Row
 from edge_vpr_tools.research.experiments.nulls import null_queries
 from edge_vpr_tools.research.experiments.pairs import MappedPair, truth_of_tracks
@@ -129,26 +131,34 @@ def spliced(pair: MappedPair, order: npt.NDArray[np.int64], parts: int = 1) -> S
 # Streets, their drives, and the versions of each drive.
 
 
-#: these streets are not used by any other experiment
-FIRST_SEED = 1_000
+#: streets from here on are those on which the rules of the filter were chosen, too; those of the
+#: evaluation chose nothing
+FIRST_SEED, FIRST_UNSEEN = 20, 1_000
 #: Trust compares the best place with those outside the exclusion zone of 3 windows, so that it
 #: can only indicate larger errors: a little over 3 windows of a second at 6 m/s.
 TOLERANCE_M = 20.0
 PIXELS = (25, 150)
 WINDOWS = ("time", "count")
-QUERIES: dict[str, Drive] = {
-    "half to double speed, other light": QUERY,
-    "the same light": replace(
-        REFERENCE, speed_range=1.3, traffic_per_km=8.0, lateral_m=-0.2, yaw_deg=-0.5
+QUERIES: dict[str, Second] = {
+    "half to double speed, other light": Second(QUERY),
+    "the same light": Second(
+        replace(REFERENCE, speed_range=1.3, traffic_per_km=8.0, lateral_m=-0.2, yaw_deg=-0.5)
     ),
-    "faster, with halts, at dusk": replace(
-        QUERY,
-        speed_mps=8.0,
-        speed_range=1.5,
-        stops=2,
-        light=Light(sun=0.1, ambient=0.5, azimuth_deg=150.0, elevation_deg=15.0, glare=0.1),
+    "faster, with halts, at dusk": Second(
+        replace(
+            QUERY,
+            speed_mps=8.0,
+            speed_range=1.5,
+            stops=2,
+            light=Light(sun=0.1, ambient=0.5, azimuth_deg=150.0, elevation_deg=15.0, glare=0.1),
+        )
     ),
-}
+    **{
+        kind: STREETS[f"street, {kind}"]
+        for kind in ("low sun", "half speed", "quarter speed", "double speed", "thresholds x 2",
+                     "thresholds x 0.5", "3 stops of 2 min")
+    },
+}  # fmt: skip
 _ELSEWHERE = "the same light"
 _CUTS = 7  # random stream that decides where drives are cut
 #: parts of a window between which drives are spliced where the tables are judged: a robot may be
@@ -166,14 +176,9 @@ class Street(NamedTuple):
 
 def open_street(seed: int) -> Street:
     """Simulate the drives of a street."""
-    drives: dict[str, SimulatedRecording] = {}
-    reference: SimulatedRecording | None = None
-    for name, profile in QUERIES.items():
-        first, second = simulate_pair(seed, query=profile)
-        reference = first.keep() if reference is None else reference
-        drives[name] = second.keep()
-    assert reference is not None
-    return Street(seed, reference, drives)
+    reference, query = simulate_pair(seed)
+    drives = {name: second_drive(query, second) for name, second in QUERIES.items()}
+    return Street(seed, reference.keep(), drives)
 
 
 def driven(
@@ -509,11 +514,12 @@ def first_confident(
 
 def unseen_street(seed: int) -> dict[str, list[MappedPair]]:
     """Open the versions of all drives of a street that no table was learnt from."""
-    street_seed = learnt_seeds()[1] + 1 + seed
+    street_seed = FIRST_UNSEEN + seed
     rng = np.random.default_rng((_CUTS, street_seed))
-    _, other = simulate_pair(street_seed - 1, query=QUERIES[_ELSEWHERE])
+    _, query = simulate_pair(street_seed - 1)
+    other = second_drive(query, QUERIES[_ELSEWHERE])
     found: dict[str, list[MappedPair]] = {}
-    for pair, elsewhere in driven(open_street(street_seed), other.keep(), PARTS):
+    for pair, elsewhere in driven(open_street(street_seed), other, PARTS):
         versions = versions_of(pair, elsewhere, rng, PARTS)
         for name, version in (versions | scrambled(versions[WHOLE], rng)).items():
             found.setdefault(name, []).append(version)

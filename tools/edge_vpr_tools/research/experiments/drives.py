@@ -284,16 +284,15 @@ class Second(NamedTuple):
     contrast: float = 1.0
 
 
-#: as in the demo, in two other lights, with stops, slower than the map, and with a camera that
-#: fires sooner or later
+_LOW_SUN = replace(
+    QUERY, light=Light(sun=0.2, ambient=0.15, azimuth_deg=110.0, elevation_deg=15.0, glare=0.06)
+)
+_HALF, _DOUBLE = (replace(QUERY, speed_mps=QUERY.speed_mps * times) for times in (0.5, 2))
+#: as in the demo, in two other lights, with stops, at other speeds than the map's, with a camera
+#: that fires sooner or later, and with two of these together
 STREETS: Mapping[str, Second] = {
     "street": Second(QUERY),
-    "street, low sun": Second(
-        replace(
-            QUERY,
-            light=Light(sun=0.2, ambient=0.15, azimuth_deg=110.0, elevation_deg=15.0, glare=0.06),
-        )
-    ),
+    "street, low sun": Second(_LOW_SUN),
     "street, noon": Second(
         replace(
             QUERY,
@@ -301,18 +300,24 @@ STREETS: Mapping[str, Second] = {
         )
     ),
     "street, 3 stops": Second(replace(QUERY, stops=3, stop_s=10.0)),
-    "street, half speed": Second(replace(QUERY, speed_mps=QUERY.speed_mps / 2)),
+    "street, half speed": Second(_HALF),
     "street, quarter speed": Second(replace(QUERY, speed_mps=QUERY.speed_mps / 4)),
     "street, thresholds x 1.3": Second(QUERY, 1.3),
     "street, thresholds x 0.75": Second(QUERY, 0.75),
     "street, 3 stops of 2 min": Second(replace(QUERY, stops=3, stop_s=120.0)),
     "street, thresholds x 2": Second(QUERY, 2.0),
+    "street, double speed": Second(_DOUBLE),
+    "street, triple speed": Second(replace(QUERY, speed_mps=QUERY.speed_mps * 3)),
+    "street, thresholds x 0.5": Second(QUERY, 0.5),
+    "street, half speed, low sun": Second(replace(_LOW_SUN, speed_mps=_HALF.speed_mps)),
+    "street, half speed, thresholds x 0.5": Second(_HALF, 0.5),
+    "street, double speed, thresholds x 2": Second(_DOUBLE, 2.0),
 }
 
 
-def second_drive(query: SimulatedRecording, name: str, offset: int = 0) -> SimulatedRecording:
-    """Simulate the drive of `STREETS` on the street of a query; an offset makes another traffic."""
-    drive, contrast = STREETS[name]
+def second_drive(query: SimulatedRecording, second: Second, offset: int = 0) -> SimulatedRecording:
+    """Simulate a drive on the street of a query; an offset makes another traffic."""
+    drive, contrast = second
     camera = replace(
         query.camera,
         contrast_on=contrast * query.camera.contrast_on,

@@ -104,7 +104,7 @@ def driven_street(seed: int, kinds: Sequence[str] = tuple(STREETS)) -> Iterator[
     rng = np.random.default_rng((seed, _WHEELS))
     meter = wheel_odometry(reference.track, rng)
     for name in kinds:
-        other = second_drive(query, name)
+        other = second_drive(query, STREETS[name])
         wheel = wheel_odometry(other.track, rng)
         for pixels in PIXELS:
             settings = PRESETS["paper"].replaced({"pixels": pixels, "seed": seed}, "street")
