@@ -323,27 +323,43 @@ def learn(seeds: int, folder: Path, on_start: Callable[[str], None]) -> None:
     Places are at whole windows: these tables hold for places at half windows too, and not the other
     way round.
     """
-    rng = np.random.default_rng(_CUTS)
-    found: dict[str, list[Sample]] = {name: [] for name in MATCHINGS}
-    on_map: list[Sample] = []
-    before: SimulatedRecording | None = None
+    streets = []
     for seed in range(FIRST_SEED, FIRST_SEED + seeds):
         on_start(f"street {seed - FIRST_SEED + 1} of {seeds}")
-        street = open_street(seed)
-        for pair, elsewhere in driven(street, before, places_per_window=1):
-            for version, changed in versions_of(pair, elsewhere, rng).items():
-                for name, changes in MATCHINGS.items():
-                    some = sample(changed.with_settings(changes))
-                    found[name].append(some)
-                    if version == WHOLE and name == LIVE:
-                        on_map.append(some)
-        before = street.drives[_ELSEWHERE]
+        streets.append(samples_of(seed))
+    write_tables(streets, folder)
+
+
+def samples_of(seed: int) -> dict[str, Sample]:
+    """Return the matches of all drives of a street, for each table."""
+    rng = np.random.default_rng((_CUTS, seed))
+    found: dict[str, list[Sample]] = {name: [] for name in (*MATCHINGS, LIVE_ON_MAP)}
+    for pair, elsewhere in driven(open_street(seed), drive_elsewhere(seed), places_per_window=1):
+        for version, changed in versions_of(pair, elsewhere, rng).items():
+            for name, changes in MATCHINGS.items():
+                some = sample(changed.with_settings(changes))
+                found[name].append(some)
+                if version == WHOLE and name == LIVE:
+                    found[LIVE_ON_MAP].append(some)
+    return {name: joined(some) for name, some in found.items()}
+
+
+def drive_elsewhere(seed: int) -> SimulatedRecording:
+    """Simulate a drive of the street before, which is another one."""
+    _, query = simulate_pair(seed - 1)
+    return second_drive(query, QUERIES[_ELSEWHERE])
+
+
+def write_tables(streets: Sequence[dict[str, Sample]], folder: Path) -> None:
+    """Write the tables that are learnt from the matches of some streets."""
+    seeds = len(streets)
+    found = {name: joined([street[name] for street in streets]) for name in streets[0]}
     made = {
         "made_by": f"edge-vpr experiment calibration --seeds {seeds} --table DIR",
         "version": __version__,
         "street_seeds": [FIRST_SEED, FIRST_SEED + seeds - 1],
-        TABLES: {name: _table(joined(some)) for name, some in found.items()},
-        LIVE_ON_MAP: _table(joined(on_map)),
+        TABLES: {name: _table(found[name]) for name in MATCHINGS},
+        LIVE_ON_MAP: _table(found[LIVE_ON_MAP]),
     }
     with replacing(folder / DEFAULT_TABLES) as temporary:
         temporary.write_text(json.dumps(made, allow_nan=False) + "\n", encoding="utf-8")
@@ -516,10 +532,8 @@ def unseen_street(seed: int) -> dict[str, list[MappedPair]]:
     """Open the versions of all drives of a street that no table was learnt from."""
     street_seed = FIRST_UNSEEN + seed
     rng = np.random.default_rng((_CUTS, street_seed))
-    _, query = simulate_pair(street_seed - 1)
-    other = second_drive(query, QUERIES[_ELSEWHERE])
     found: dict[str, list[MappedPair]] = {}
-    for pair, elsewhere in driven(open_street(street_seed), other, PARTS):
+    for pair, elsewhere in driven(open_street(street_seed), drive_elsewhere(street_seed), PARTS):
         versions = versions_of(pair, elsewhere, rng, PARTS)
         for name, version in (versions | scrambled(versions[WHOLE], rng)).items():
             found.setdefault(name, []).append(version)
