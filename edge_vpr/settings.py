@@ -409,6 +409,16 @@ _MATCHING = _group(
         most=MOST_COST,
         needs=_FILTER,
     ),
+    gains=SettingField(
+        help="place filter: hypotheses of the camera's gain that are followed side by side, 1 or 7",
+        metavar="N",
+        valid=lambda number: number in (1, 7),
+        expected="1 or 7",
+        more="With 7, neither another speed than that of the map nor another light or camera is "
+        "taken for the other; they need contrast codes and windows of time, and match at the end "
+        "of each window. Devices have 1. See docs/place_filter.md.",
+        needs=_FILTER,
+    ),
     smooth=SettingField(
         help="place filter: use the later windows of a recording too",
         more="Live and online matching never smooth.",
@@ -494,6 +504,7 @@ class Settings:
     remove_bursts: bool = True
     matching: Matching = "sequence"
     filter_restart: int = 16
+    gains: int = 1
     smooth: bool = False
     sequence_length: int = 5
     exclusion: int = 3
@@ -512,6 +523,11 @@ class Settings:
                 "or map the reference with places_per_window = 1"
             )
         self._check_code()
+        if self.gains > 1 and self.profile != "robot":
+            raise UsageError(
+                f"setting gains = {self.gains}: needs the place filter with contrast codes and "
+                "windows of time; set gains to 1, or take preset default"
+            )
 
     @property
     def events_per_window(self) -> int:
@@ -549,6 +565,11 @@ class Settings:
         if self.places_per_window is not None:
             return self
         return replace(self, places_per_window=reference.places_per_window)
+
+    @property
+    def has_bank(self) -> bool:
+        """Whether the place filter follows several gains, see `edge_vpr.matching.bank`."""
+        return self.gains > 1
 
     @property
     def running_mean(self) -> bool:
@@ -633,7 +654,7 @@ class Settings:
         shared = (self.matching, self.exclusion)
         if self.matching == "sequence":
             return (*shared, self.sequence_length)
-        return (*shared, self.filter_restart, self.smooth)
+        return (*shared, self.filter_restart, self.has_bank, self.smooth)
 
     @property
     def own_mean_code(self) -> OwnMeanCode | None:

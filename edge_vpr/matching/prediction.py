@@ -18,6 +18,7 @@ from edge_vpr.map_record import check_transitions
 from edge_vpr.route import MOST_MM
 from edge_vpr.settings import Settings
 from fixedpoint.activity import (
+    BANK_COSTS,
     COST_ROW_SHIFT,
     COSTS_BY_ACTIVITY,
     PLACE_HIGH,
@@ -52,11 +53,14 @@ class TransitionCosts:
     by_activity : bool
         Whether the costs are those of `COSTS_BY_ACTIVITY`, by the activity of the window relative
         to that of the place reached, or `COUNT_COSTS`.
+    bank : bool
+        Whether they are those of the filter over gains, `BANK_COSTS`.
     """
 
     restart: int = 16
     places_per_window: int = 1
     by_activity: bool = True
+    bank: bool = False
 
     def __post_init__(self) -> None:
         most = (METRIC_TOP >> FRACTION_BITS) - 1
@@ -69,7 +73,8 @@ class TransitionCosts:
 
         Windows with a fixed number of events all have the same activity.
         """
-        return cls(settings.filter_restart, settings.window_parts, settings.window == "time")
+        by_activity = settings.window == "time"
+        return cls(settings.filter_restart, settings.window_parts, by_activity, settings.has_bank)
 
     @property
     def by_step(self) -> Narrow:
@@ -79,7 +84,8 @@ class TransitionCosts:
         """
         rows = np.array([COUNT_COSTS[self.places_per_window]], dtype=np.int16) << FRACTION_BITS
         if self.by_activity:
-            rows = np.array(COSTS_BY_ACTIVITY[self.places_per_window], dtype=np.int16)
+            of_window = BANK_COSTS if self.bank else COSTS_BY_ACTIVITY
+            rows = np.array(of_window[self.places_per_window], dtype=np.int16)
         return np.ascontiguousarray(rows.T)
 
 
