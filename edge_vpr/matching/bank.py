@@ -471,9 +471,8 @@ def advance_windows(
         out.activity[i] = _STANDS if now.few > table.patience else activity
 
         predict(state, table, out.activity[i], out.metrics[i])
-        out.share[i] = write_evidence(
-            state, table, distances[i], activity, pause, few, weight, out, i
-        )
+        seen = (activity, pause, few, weight)
+        out.share[i] = write_evidence(state, table, distances[i], seen, out, i)
         add_evidence(out.metrics[i], out.evidence[i], out.looks[i])
         write_least(out.metrics[i], out.least[i])
         best, margin = write_best(out.least[i], table.exclusion, table.reach, out.columns[i])
