@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from edge_vpr.matching.bank import (
-    HYPOTHESES,
     PATIENCE,
     PATIENCE_SMOOTHED,
     BankBackwards,
@@ -14,8 +13,8 @@ from edge_vpr.matching.bank import (
 )
 from edge_vpr.matching.filter_match import MISFIT, PLACE, TRUST
 from edge_vpr.matching.prediction import TransitionCosts, Transitions
-from firmware_model import specification_bank as spec
-from firmware_model.specification_drive import running_misfits, typical_distances
+from firmware_model import specification_drive as spec
+from firmware_model.specification import activity_of, is_pause, mean_activity_after
 from fixedpoint.activity import BANK_COSTS, SUMS, bank_costs
 
 PIXELS = 9
@@ -28,10 +27,10 @@ def drawn_map(rng, per_window, jumps=()):
     activity = rng.integers(-40, 30, places).astype(np.int32)
     along = np.cumsum(rng.integers(0, 3_000, places)).astype(np.int64)
     along[-1] += 1_000
-    typical = np.array(typical_distances(codes.tolist()), dtype=np.int64)
+    typical = np.array(spec.typical_distances(codes.tolist()), dtype=np.int64)
     mean, restart, exclusion = int(rng.integers(1, 60_000)), int(rng.integers(1, 31)), 3
     kept = [pair for pair in jumps if max(pair) < places]
-    known = spec.BankMap(
+    known = spec.DriveMap.of(
         activity.tolist(), typical.tolist(), mean, per_window, restart << 2, exclusion,
         along.tolist(), kept,
     )  # fmt: skip
@@ -44,7 +43,7 @@ def drawn_map(rng, per_window, jumps=()):
 
 def drawn_drive(rng, known, windows):
     """Return distances of sums, and events: near the mean, few, none, or many."""
-    places = len(known.activity)
+    places = len(known.typical)
     distances = rng.integers(0, 7 * PIXELS, (windows, len(SUMS), places))
     true = np.cumsum(rng.integers(0, 3, windows)) % places
     distances[np.arange(windows), :, true] //= 6
@@ -55,16 +54,16 @@ def drawn_drive(rng, known, windows):
 
 
 def specified(known, distances, events, patience, driven):
-    """Run the specification over a drive."""
-    state = spec.Filter([[0] * len(known.activity)] * HYPOTHESES, known.mean_activity)
-    matches, windows = [], []
+    """Run the specification over a drive whose distances count as they are."""
+    state, mean, windows = known.begin(), known.mean_activity, []
     for row, counted, mm in zip(distances.tolist(), events.tolist(), driven, strict=True):
-        state, match, window = spec.advance(
-            known, state, row, counted, patience=patience, driven=mm, driven_whole=mm or 0
-        )
-        matches.append(match)
+        window = spec.advance_window(
+            known, state, activity_of(counted, known.mean_activity), is_pause(counted, mean), row,
+            patience=patience, driven=mm, driven_whole=mm or 0,
+        )  # fmt: skip
+        state, mean = window.advanced.state, mean_activity_after(mean, counted)
         windows.append(window)
-    return matches, windows
+    return spec.live_matches(windows), windows
 
 
 def run(bank, distances, events, driven):
@@ -100,19 +99,20 @@ def test_kernel_equals_the_specification_window_by_window_and_smoothed(per_windo
         ]  # fmt: skip
         assert rows.columns[:, :MISFIT].tolist() == told
         of_windows = [
-            spec.misfit_of(w, w.evidence[w.gain], w.best, known.typical[w.best])
+            spec.misfit_of(w, one.gain, one.place, known.typical[one.place])
             for w in specified_windows
+            for one in [w.advanced.best]
         ]
-        assert rows.columns[:, MISFIT].tolist() == running_misfits(of_windows)
+        assert rows.columns[:, MISFIT].tolist() == spec.running_misfits(of_windows)
     residual = np.empty(windows, dtype=np.int64)
     BankBackwards(bank).add_to(rows, driven, residual)
     smoothed = spec.smoothed(known, specified_windows)
-    assert rows.best.tolist() == [[best, gain] for best, gain, _ in smoothed]
-    assert rows.least.tolist() == [least for _, _, least in smoothed]
-    assert rows.columns[:, PLACE].tolist() == [
-        spec.middle(least, best, per_window) for best, _, least in smoothed
+    assert rows.best.tolist() == [[one.place, one.gain] for one, _ in smoothed]
+    assert rows.columns[:, PLACE].tolist() == [one.told for one, _ in smoothed]
+    assert rows.least.tolist() == [
+        [min(column) for column in zip(*whole, strict=True)] for _, whole in smoothed
     ]
-    against = [w.evidence[gain][best] for w, (best, gain, _) in
+    against = [w.evidence(one.gain)[one.place] for w, (one, _) in
                zip(specified_windows, smoothed, strict=True)]  # fmt: skip
     assert residual.tolist() == against
 
