@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any, Literal, Self, get_args
 
 from firmware_model.errors import DesignError
-from fixedpoint.activity import COSTS_BY_ACTIVITY, EVENTS_TOP, LOG_TOP, WEIGHT_BITS
+from fixedpoint.activity import BANK_COSTS, EVENTS_TOP, GAINS, LOG_TOP, SUMS, WEIGHT_BITS
 from fixedpoint.formats import UnsignedFormat
 from fixedpoint.limits import MAX_BITS, OWN_MEAN_BITS
 from fixedpoint.own_mean import FULL_SCALE, MEAN_FRACTION_BITS, OwnMeanCode
@@ -23,7 +23,7 @@ from fixedpoint.own_mean import FULL_SCALE, MEAN_FRACTION_BITS, OwnMeanCode
 #: fraction bits of the filter's metrics, evidence and costs
 FRACTION_BITS = 2
 #: largest metric and largest evidence
-METRIC_TOP, EVIDENCE_TOP = (1 << 10) - 1, (1 << 8) - 1
+METRIC_TOP, EVIDENCE_TOP = (1 << 7) - 1, (1 << 8) - 1
 #: fraction bits of the reciprocal of the spread, which is at most 1
 RECIPROCAL_FRACTION_BITS = 16
 #: largest margin and largest residual that count
@@ -35,6 +35,8 @@ TRUST_TOP = MARGIN_TOP << TRUST_FRACTION_BITS
 ACTIVITY_FRACTION_BITS = 8
 #: bits of the activity of a place, a number with sign
 PLACE_ACTIVITY_BITS = 8
+#: largest number that is added to the distance of a place
+BIAS_TOP = (1 << 8) - 1
 #: level of each count of contrast codes: ``round(256 log2(1 + count))``
 LEVELS: tuple[int, ...] = tuple(OwnMeanCode().levels.tolist())
 LEVEL_TOP = LEVELS[-1]
@@ -47,7 +49,7 @@ DeviceCode = Literal["counts", "contrast"]
 WindowKind = Literal["time", "count"]
 Matching = Literal["sequence", "filter"]
 
-#: largest cost: with its fraction bits, it is below the largest metric
+#: largest cost of a restart: with its fraction bits, it is below the largest metric
 MAX_COST = (METRIC_TOP >> FRACTION_BITS) - 1
 #: an event has 15 bits for the row, and one for the polarity, which a device does not look at
 MAX_SIDE = 1 << 15
@@ -66,6 +68,7 @@ _RANGES = {
     "places": (1, 1 << 24),
     "length": (0, 1 << 12),
     "places_per_window": (1, 2),
+    "gains": (1, len(GAINS)),
     "restart": (0, MAX_COST),
     "trust": (0, TRUST_TOP),
     "lanes": (1, 1 << 10),
@@ -121,8 +124,10 @@ class Design:
     length : int
         L, windows in a sequence; 0 takes 5. The filter has 1.
     places_per_window : {1, 2}
-        Of the filter, places that start in one window: costs of steps are those of
-        `COSTS_BY_ACTIVITY`, of 0 to 3 places, or of 0 to 6.
+        Of the filter, places that start in one window: steps are of 0 to 4 places, or of 0 to 6.
+    gains : {1, 7}
+        Of the filter, hypotheses of the camera's gain that it follows side by side. Seven need
+        contrast codes and windows by time.
     restart : int
         Of the filter, the cost of jumping to any place.
     lanes : int
@@ -152,6 +157,7 @@ class Design:
     matching: Matching = "sequence"
     length: int = 0
     places_per_window: int = 1
+    gains: int = 1
     restart: int = 16
     lanes: int = 8
     exclusion: int = 3
@@ -227,6 +233,13 @@ class Design:
                 f"design: places_per_window = {self.places_per_window} of sequences: only the "
                 "place filter has places at half windows"
             )
+        if self.gains not in (1, len(GAINS)):
+            raise DesignError(f"design: gains = {self.gains}: expected 1 or {len(GAINS)}")
+        if self.gains > 1 and not (self.filters and self.contrast and self.window == "time"):
+            raise DesignError(
+                f"design: gains = {self.gains}: they need the place filter, contrast codes and "
+                "windows by time"
+            )
 
     # Sizes
 
@@ -248,12 +261,17 @@ class Design:
     @property
     def step_costs(self) -> tuple[tuple[int, ...], ...]:
         """Costs of steps of 0, 1, 2 ... places, a row for each half octave of activity."""
-        return COSTS_BY_ACTIVITY[self.places_per_window]
+        return BANK_COSTS[self.places_per_window]
 
     @property
     def steps(self) -> int:
         """Number of steps of 0, 1, 2 ... places that have a cost."""
         return len(self.step_costs[0])
+
+    @property
+    def sums(self) -> int:
+        """Number of sums of newest windows that have codes: of 1, 2 and 4 windows, or of 1."""
+        return len(SUMS) if self.gains > 1 else 1
 
     @property
     def slots(self) -> int:
@@ -392,15 +410,19 @@ def formats_of(design: Design) -> dict[str, UnsignedFormat]:
         }
     if design.contrast:
         found |= {
+            "limit": holding(design.count_max),
             "level": holding(LEVEL_TOP),
             "mean": holding(LEVEL_TOP << MEAN_FRACTION_BITS),
             "level_total": holding(LEVEL_TOP * design.slots),
         }
     if design.filters:
+        biased = holding(distance.highest + BIAS_TOP)
         highest_cost = max(*map(max, design.step_costs), design.restart << FRACTION_BITS)
         found |= {
             "place_activity": UnsignedFormat(PLACE_ACTIVITY_BITS),
-            "distance_total": distance.sum_of(design.places),
+            "place_bias": holding(BIAS_TOP),
+            "biased": biased,
+            "distance_total": biased.sum_of(design.places),
             "reciprocal": holding(1 << RECIPROCAL_FRACTION_BITS),
             "evidence": holding(EVIDENCE_TOP),
             "weight": holding(1 << WEIGHT_BITS),

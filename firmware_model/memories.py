@@ -5,7 +5,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from firmware_model.design import ACTIVITY_FRACTION_BITS, LEVEL_TOP, PLACE_ACTIVITY_BITS, Design
+from firmware_model.design import (
+    ACTIVITY_FRACTION_BITS,
+    BIAS_TOP,
+    LEVEL_TOP,
+    PLACE_ACTIVITY_BITS,
+    Design,
+)
 from firmware_model.errors import DesignError
 from fixedpoint.activity import EVENTS_TOP
 
@@ -67,6 +73,8 @@ class Memories:
     mean: tuple[int, ...]
     activity: int
     place_activity: tuple[int, ...]
+    place_bias: tuple[int, ...]
+    limits: tuple[int, ...]
 
     def __init__(
         self,
@@ -76,14 +84,21 @@ class Memories:
         mean: Sequence[int] | None = None,
         activity: int = 0,
         place_activity: Sequence[int] | None = None,
+        place_bias: Sequence[int] | None = None,
+        limits: Sequence[int] | None = None,
     ) -> None:
         object.__setattr__(self, "design", design)
-        start = (0,) * (design.slots if design.contrast else 0)
-        object.__setattr__(self, "mean", start if mean is None else tuple(map(int, mean)))
+        slots = design.slots if design.contrast else 0
+        places_of_filter = design.places if design.filters else 0
         object.__setattr__(self, "activity", int(activity))
-        still = (0,) * (design.places if design.filters else 0)
-        of_places = still if place_activity is None else tuple(map(int, place_activity))
-        object.__setattr__(self, "place_activity", of_places)
+        for name, given, length, usual in (
+            ("mean", mean, slots, 0),
+            ("limits", limits, slots, design.count_max),
+            ("place_activity", place_activity, places_of_filter, 0),
+            ("place_bias", place_bias, places_of_filter, 0),
+        ):
+            values = (usual,) * length if given is None else tuple(map(int, given))
+            object.__setattr__(self, name, values)
         object.__setattr__(self, "pixels", tuple((int(x), int(y)) for x, y in pixels))
         object.__setattr__(self, "places", tuple(tuple(map(int, place)) for place in places))
         if len(self.pixels) != design.pixels or len(set(self.pixels)) != design.pixels:
@@ -107,24 +122,22 @@ class Memories:
 
     def _check_adaptive(self) -> None:
         design = self.design
-        if len(self.mean) != (design.slots if design.contrast else 0) or not all(
-            0 <= mean <= LEVEL_TOP for mean in self.mean
+        slots = design.slots if design.contrast else 0
+        places = design.places if design.filters else 0
+        half = 1 << (PLACE_ACTIVITY_BITS - 1)
+        for what, values, of, length, least, most in (
+            ("means", self.mean, "counters of contrast codes", slots, 0, LEVEL_TOP),
+            ("limits", self.limits, "counters of contrast codes", slots, 0, design.count_max),
+            ("activities", self.place_activity, "places of the filter", places, -half, half - 1),
+            ("biases", self.place_bias, "places of the filter", places, 0, BIAS_TOP),
         ):
-            raise DesignError(
-                f"means of {len(self.mean)} counters: contrast codes have one of each of "
-                f"{design.slots}, from 0 to {LEVEL_TOP}, and counts none"
-            )
+            if len(values) != length or not all(least <= value <= most for value in values):
+                raise DesignError(
+                    f"{what} of {len(values)} {of}: expected {length} from {least} to {most}"
+                )
         most = EVENTS_TOP << ACTIVITY_FRACTION_BITS if design.pauses else 0
         if not 0 <= self.activity <= most:
             raise DesignError(f"activity = {self.activity}: expected 0 to {most}")
-        half = 1 << (PLACE_ACTIVITY_BITS - 1)
-        if len(self.place_activity) != (design.places if design.filters else 0) or not all(
-            -half <= activity < half for activity in self.place_activity
-        ):
-            raise DesignError(
-                f"activities of {len(self.place_activity)} places: designs of the filter "
-                f"have one of each of {design.places}, from {-half} to {half - 1}, and others none"
-            )
 
     def lookup(self) -> Lookup:
         """Build the look-up: the fullest row first, each at the last position that fits.

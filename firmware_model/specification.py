@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
+from itertools import pairwise
 from typing import NamedTuple
 
 from firmware_model.design import (
@@ -20,10 +21,12 @@ from firmware_model.design import (
     Design,
 )
 from firmware_model.memories import Codes, Memories
-from fixedpoint.activity import ACTIVITY_COSTS, EVENTS_TOP, SAME_ROW
+from fixedpoint.activity import BANK_COSTS, EVENTS_TOP, GAINS, SAME_ROW, SUM_LIMITS, SUMS
 
 #: origin, target and cost of each transition between places in a window
 Edges = list[tuple[int, int, int]]
+#: a row of numbers for each gain, sum or window
+Rows = Sequence[Sequence[int]]
 
 
 class Event(NamedTuple):
@@ -47,19 +50,18 @@ class EventResult(NamedTuple):
 
 
 class WindowResult(NamedTuple):
-    """A window that ended, the number of events before its end, its activity and pause."""
+    """A window that ended, and the number of events before its end."""
 
     number: int
     events: int
     codes: Codes
-    activity: int = 0
-    paused: bool = False
 
 
 class MatchResult(NamedTuple):
     """One match; second and second_sum are None if every place lies in the exclusion zone.
 
-    With the place filter the two sums are metrics, and there is a trust, in 1/16 of a metric.
+    With the place filter `place` is the middle that is told, the two sums are metrics, and there is
+    a trust, in 1/16 of a metric.
     """
 
     window: int
@@ -76,27 +78,42 @@ class WindowState(NamedTuple):
     """Intermediate results of a window of a design with pauses, for debugging."""
 
     window: int
-    counted: int  #: Events at selected pixels.
-    mean_activity: int  #: Mean number of events before this window, in units of 1/256 event.
-    activity: int
+    counted: int  #: Events that count.
+    mean_activity: int  #: Mean number of them before this window, in units of 1/256 event.
+    activity: int  #: f
     paused: bool
     mean_shift: int | None  #: With contrast codes.
-    window_mean: int | None  #: With contrast codes.
+    window_mean: int | None  #: With contrast codes, of the sum of one window.
     # of the filter
-    weight: int | None = None
-    reciprocal: int | None = None  #: Scale of the evidence; None in a pause.
-    spread: int | None = None  #: Of the distances of this window; None in a pause.
+    weight: int | None = None  #: 0 in a pause.
+    few: int | None = None
+    stands: bool | None = None
+    speed: int | None = None  #: With several gains.
+    sums: int | None = (
+        None  #: Those that some gain looks at: 1, 2 and 4 windows by bits 0, 1 and 2.
+    )
+    best: int | None = None
+    gain: int | None = None  #: Of the best place, in units of 1/16 octave.
     least: int | None = None  #: Least metric.
+    # of the sum that this gain looks at; None in a pause
+    reciprocal: int | None = None  #: Scale of the evidence.
+    spread: int | None = None  #: Of the distances with their bias.
     margin: int | None = None
     kept: int | None = None
     support: int | None = None
+    age: int | None = None
     worst_residual: int | None = None
 
 
 Result = EventResult | WindowResult | MatchResult
 
 
-# Section 3: pause and activity.
+# Section 3: events that count, pause and activity.
+
+
+def counted_events(counts: Sequence[int], limits: Sequence[int]) -> int:
+    """Return the events of a window, of which no pixel gives more than its limit."""
+    return sum(min(count, most) for count, most in zip(counts, limits, strict=True))
 
 
 def ilog(number: int) -> int:
@@ -110,7 +127,7 @@ def is_pause(counted: int, mean_activity: int) -> bool:
 
 
 def activity_of(counted: int, mean_activity: int) -> int:
-    """Return the logarithm of a window's events less that of the mean number, in 1/16 octave."""
+    """Return the logarithm of a window's events less that of a mean number, in 1/16 octave."""
     if counted == 0:
         return -ilog(EVENTS_TOP)
     return ilog(min(counted, EVENTS_TOP)) - ilog(mean_activity >> 8)
@@ -124,6 +141,11 @@ def mean_activity_after(mean_activity: int, counted: int) -> int:
 
 
 # Section 4: contrast codes.
+
+
+def sums_of(newest: Sequence[Sequence[int]], number: int) -> list[list[int]]:
+    """Return the counts of the first sums of the newest 1, 2 and 4 windows, newest first."""
+    return [[sum(counts) for counts in zip(*newest[:n], strict=True)] for n in SUMS[:number]]
 
 
 def differences_of(levels: Sequence[int], means: Sequence[int]) -> list[int]:
@@ -205,40 +227,116 @@ def accepts(design: Design, found: BestPlaces, trust: int) -> bool:
 
 # Section 6: the place filter.
 
+#: cost of a change of gain by half an octave
+GAIN_STEP = 24
+#: after more windows with few events in a row, the robot stands
+PATIENCE = 2
+#: windows of a path after which its trust is whole
+WHOLE_AGE = 8
 
-class Costs(NamedTuple):
-    """Costs of the place filter, with their fraction bits."""
 
-    #: of steps of 0, 1, 2 ... places, a row for each half octave of activity
-    rows: Sequence[Sequence[int]]
+class FilterMap(NamedTuple):
+    """What a map says to the place filter.
+
+    Attributes
+    ----------
+    activity : sequence of int, length K
+        A.
+    bias : sequence of int, length K
+        b, which is added to the distances.
+    per_window : {1, 2}
+        Places per window.
+    restart : int
+        Cost of a restart, with its fraction bits.
+    exclusion : int
+    gains : sequence of int
+        G, in units of 1/16 octave.
+    costs : Rows
+        A row of costs of steps for each half octave.
+    """
+
+    activity: Sequence[int]
+    bias: Sequence[int]
+    per_window: int
     restart: int
+    exclusion: int
+    gains: Sequence[int]
+    costs: Rows
+
+    @classmethod
+    def of(cls, memories: Memories) -> FilterMap:
+        """Return what the tables of a design say."""
+        design = memories.design
+        return cls(
+            memories.place_activity, memories.place_bias, design.places_per_window,
+            design.restart << FRACTION_BITS, design.exclusion, gains_of(design.gains),
+            BANK_COSTS[design.places_per_window],
+        )  # fmt: skip
 
     @property
     def last(self) -> int:
         """Longest step by which a match follows the one before."""
-        return len(self.rows[0]) - 1
+        return len(self.costs[0]) - 1
+
+    @property
+    def reach(self) -> int:
+        """Places on each side of the best among which the middle is told."""
+        return 4 if self.per_window == 2 else 0
 
 
-def row_of(activity: int) -> int:
-    """Return the row of the costs for the activity of a window less that of a place."""
-    return min(max(((activity + 4) >> 3) + SAME_ROW, 0), len(ACTIVITY_COSTS) - 1)
+def gains_of(number: int) -> tuple[int, ...]:
+    """Return the gains of a filter with so many, 7 or 1."""
+    return GAINS if number > 1 else (0,)
 
 
-def transitions_by_steps(costs: Costs, activity: int, place_activity: Sequence[int]) -> Edges:
-    """Return all steps from place to place in a window of this activity, step 1."""
-    found = []
-    for target, of_place in enumerate(place_activity):
-        for step, cost in enumerate(costs.rows[row_of(activity - of_place)][: target + 1]):
-            found.append((target - step, target, cost))
-    return found
+class Filter(NamedTuple):
+    """State of the place filter between two windows."""
+
+    metrics: Rows  #: M, of each gain and place.
+    place: int | None = None  #: p, the best place; None before the first window.
+    gain: int = 0  #: h, index of the gain of its metric.
+    few: int = 0  #: c, windows with few events in a row.
+    speed: int = 0  #: u, the mean activity, in units of 1/256 octave.
+    moved: int = 0  #: v, windows that moved it.
+    reciprocals: Sequence[int] = (0, 0, 0)  #: R of each sum; 0 if it had none.
+    support: int = 0
+    age: int = 0
+    residuals: tuple[int, int] = (0, 0)  #: Of the window before and the one before that.
 
 
-def predict(metrics: Sequence[int], transitions: Edges, restart: int) -> list[int]:
-    """Return the cost of being at each place after a window, without its evidence, step 1."""
-    predicted, least = [restart] * len(metrics), min(metrics)
-    for origin, target, cost in transitions:
-        predicted[target] = min(predicted[target], metrics[origin] - least + cost)
-    return predicted
+class Seen(NamedTuple):
+    """What the number of events of a window says, step 1."""
+
+    activity: int
+    paused: bool
+    weight: int
+    few: int
+    stands: bool
+    speed: int
+    moved: int
+    looks: Sequence[int]  #: Index of the sum that each gain looks at.
+
+
+def see(
+    known: FilterMap, state: Filter, activity: int, paused: bool, patience: int = PATIENCE
+) -> Seen:
+    """Return what the number of events says: weight, standing and sums, step 1."""
+    weight, few = 8, paused
+    if state.place is not None:
+        surplus = activity - known.activity[state.place] - min(known.gains[state.gain], 0)
+        weight, few = min(max((surplus + 56) >> 1, 0), 8), paused or surplus < -48
+    in_row = min(state.few + 1, patience + 1) if few else 0
+    speed, moved, several = state.speed, state.moved, len(known.gains) > 1
+    if several and not few:
+        speed += (16 * activity - speed) >> min((1 + moved).bit_length() - 1, 6)
+        moved = min(moved + 1, 63)
+    looks = [which_sum(speed, gain) if several else 0 for gain in known.gains]
+    return Seen(activity, paused, weight, in_row, in_row > patience, speed, moved, looks)
+
+
+def which_sum(speed: int, gain: int) -> int:
+    """Return the index of the sum that a gain looks at: the slower the drive, the longer."""
+    return sum((speed >> 4) - gain < limit for limit in SUM_LIMITS)
 
 
 def spread_of(distances: Sequence[int]) -> int:
@@ -247,9 +345,32 @@ def spread_of(distances: Sequence[int]) -> int:
     return max(sum(abs(d - mean) for d in distances) // len(distances), 1)
 
 
-def weight_of(activity: int, most: int = 8) -> int:
-    """Return the weight of a window's evidence in eighths, step 2."""
-    return min(max((activity + 48) >> 1, 0), most)
+class Evidence(NamedTuple):
+    """Evidence of a window, step 2."""
+
+    against: Rows  #: E, of each sum and place.
+    scales: Sequence[int]  #: Reciprocal by which each sum was scaled; 0 without evidence.
+    reciprocals: Sequence[int]  #: R of each sum, for the next window.
+
+
+def evidence(known: FilterMap, state: Filter, seen: Seen, distances: Rows) -> Evidence:
+    """Return the evidence of the sums that gains look at, step 2.
+
+    Parameters
+    ----------
+    distances : Rows
+        D of each sum to each place; not used in a pause.
+    """
+    places, sums = len(known.activity), range(len(SUMS))
+    if seen.paused:
+        return Evidence([[0] * places for _ in sums], (0, 0, 0), state.reciprocals)
+    against, scales, own = [[0] * places for _ in sums], [0 for _ in sums], [0 for _ in sums]
+    for i in set(seen.looks):
+        biased = [d + b for d, b in zip(distances[i], known.bias, strict=True)]
+        own[i] = (1 << 16) // spread_of(biased)
+        scales[i] = state.reciprocals[i] or own[i]
+        against[i] = evidence_of(biased, scales[i], seen.weight)
+    return Evidence(against, scales, own)
 
 
 def evidence_of(distances: Sequence[int], reciprocal: int, weight: int) -> list[int]:
@@ -259,81 +380,172 @@ def evidence_of(distances: Sequence[int], reciprocal: int, weight: int) -> list[
     return [(one * weight) >> 3 for one in scaled]
 
 
-def margin_of(found: BestPlaces) -> int:
-    """Return the second best metric less the best, step 4."""
-    return METRIC_TOP if found.second_sum is None else found.second_sum - found.sum
-
-
-def support_after(kept: int, margin: int, stands: bool) -> int:
-    """Return the support of a match with this margin, step 4."""
-    support = kept + ((16 * min(margin, MARGIN_TOP) - kept) >> 2)
-    return min(support, kept - (kept >> 4)) if stands else support
-
-
-class Filter(NamedTuple):
-    """State of the place filter between two windows."""
-
-    metrics: Sequence[int]
-    reciprocal: int = 0  #: Of the spread of the last window that was no pause; 0 before one.
-    place: int | None = None  #: Of the match before; None before the first window.
-    support: int = 0
-    residuals: tuple[int, int] = (0, 0)  #: Of the match before and the one before that.
-
-
-def advance(
-    before: Filter, predicted: Sequence[int], distances: Sequence[int] | None, weight: int
-) -> tuple[Filter, list[int]]:
-    """Return the filter with its metrics and reciprocal after a window, and the evidence.
+def predict(known: FilterMap, state: Filter, steps: Sequence[Edges]) -> list[list[int]]:
+    """Return the cost of being at each place with each gain, without the evidence, step 3.
 
     Parameters
     ----------
-    predicted : sequence of int, length K
-        See `predict`; zeros in the first window.
-    distances : sequence of int, length K, or None
-        None in a pause.
-    weight : int
-        See `weight_of`.
+    steps : sequence of Edges
+        Of each gain, see `steps_of`.
     """
-    evidence, own = [0] * len(predicted), before.reciprocal
-    if distances is not None:
-        own = (1 << 16) // spread_of(distances)
-        evidence = evidence_of(distances, before.reciprocal or own, weight)
-    metrics = [min(p + e, METRIC_TOP) for p, e in zip(predicted, evidence, strict=True)]
-    return before._replace(metrics=metrics, reciprocal=own), evidence
+    if state.place is None:
+        return [[0] * len(known.activity) for _ in known.gains]
+    changed = change_gain(state.metrics)
+    return [move(row, edges, known.restart) for row, edges in zip(changed, steps, strict=True)]
+
+
+def change_gain(metrics: Rows) -> list[list[int]]:
+    """Return the metrics less the least of all, after changes of gain."""
+    least = min(map(min, metrics))
+    found = [[one - least for one in row] for row in metrics]
+    for order in (range(len(found)), range(len(found) - 1, -1, -1)):
+        for before, h in pairwise(order):
+            pairs = zip(found[h], found[before], strict=True)
+            found[h] = [min(one, other + GAIN_STEP) for one, other in pairs]
+    return found
+
+
+def move(costs: Sequence[int], edges: Edges, restart: int) -> list[int]:
+    """Return the least cost of each place after a step, or after a restart from the best one."""
+    found = [min(costs) + restart] * len(costs)
+    for origin, target, cost in edges:
+        found[target] = min(found[target], costs[origin] + cost)
+    return found
+
+
+def row_of(activity: int) -> int:
+    """Return the row of the costs for the activity that remains for the speed."""
+    return min(max((activity + 4) >> 3, -12), 6) + SAME_ROW
+
+
+def costs_to(known: FilterMap, seen: Seen, gain: int, place: int) -> Sequence[int]:
+    """Return the costs of the steps of 0, 1, 2 ... places by which a place is reached."""
+    if seen.stands:
+        return known.costs[0]
+    return known.costs[row_of(seen.activity - known.activity[place] - gain)]
+
+
+def steps_of(known: FilterMap, seen: Seen, gain: int) -> Edges:
+    """Return all steps of a gain."""
+    found = []
+    for k in range(len(known.activity)):
+        costs = costs_to(known, seen, gain, k)[: k + 1]
+        found += [(k - i, k, cost) for i, cost in enumerate(costs)]
+    return found
+
+
+def add(predicted: Rows, against: Evidence, looks: Sequence[int]) -> list[list[int]]:
+    """Return the metrics: each prediction and the evidence of the sum that its gain looks at."""
+    return [
+        [min(p + e, METRIC_TOP) for p, e in zip(row, against.against[i], strict=True)]
+        for row, i in zip(predicted, looks, strict=True)
+    ]
+
+
+class Best(NamedTuple):
+    """Best place of a window and what is told of it, step 4."""
+
+    place: int
+    gain: int
+    told: int  #: Middle of the places near the best.
+    found: BestPlaces
+
+    @property
+    def margin(self) -> int:
+        """Second best metric less the best."""
+        second = self.found.second_sum
+        return METRIC_TOP if second is None else second - self.found.sum
+
+
+def best(known: FilterMap, metrics: Rows) -> Best:
+    """Return the best place, its gain, and the middle of the places near it, step 4."""
+    least = [min(column) for column in zip(*metrics, strict=True)]
+    found = search(least, known.exclusion)
+    gain = min(range(len(metrics)), key=lambda h: metrics[h][found.place])
+    return Best(found.place, gain, middle(least, found.place, known.reach), found)
+
+
+def middle(least: Sequence[int], place: int, reach: int) -> int:
+    """Return the middle of the places around the best whose metric is near its own."""
+    first, last, most = place, place, least[place] + 8
+    while first > max(place - reach, 0) and least[first - 1] <= most:
+        first -= 1
+    while last < min(place + reach, len(least) - 1) and least[last + 1] <= most:
+        last += 1
+    return (first + last + 1) >> 1
+
+
+def support_after(kept: int, margin: int) -> int:
+    """Return the support of a match with this margin, step 5."""
+    return kept + ((16 * min(margin, MARGIN_TOP) - kept) >> 2)
 
 
 class Trust(NamedTuple):
-    """Trust in a match, and its terms, step 4."""
+    """Trust in a match, and its terms, step 5."""
 
     trust: int
-    margin: int
     kept: int
     support: int
+    age: int
+    residual: int
     worst_residual: int
 
 
-def judge(
-    advanced: Filter, found: BestPlaces, evidence: int, follows: bool
-) -> tuple[Filter, Trust]:
-    """Return the filter after its match, and the trust in it, step 4.
+def trust(state: Filter, one: Best, against: int, follows: bool) -> Trust:
+    """Return the trust in a match, step 5.
 
     Parameters
     ----------
-    advanced : Filter
-        Place, support and residuals are those of the match before.
-    evidence : int
-        Against the matched place, in this window.
+    state : Filter
+        Before the window.
+    against : int
+        Evidence against the best place.
     follows : bool
-        Whether the match follows the one before.
+        Whether the best place follows that of the window before.
     """
-    kept, margin = advanced.support if follows else 0, margin_of(found)
-    support = support_after(kept, margin, stands=found.place == advanced.place)
-    residual = min(evidence, RESIDUAL_TOP)
-    worst = max(residual, *advanced.residuals)
-    after = advanced._replace(
-        place=found.place, support=support, residuals=(residual, advanced.residuals[0])
-    )
-    return after, Trust(max(support - 16 * worst, 0), margin, kept, support, worst)
+    kept, age = (state.support, min(state.age + 1, WHOLE_AGE)) if follows else (0, 0)
+    support = support_after(kept, one.margin)
+    if one.place == state.place:
+        support = min(support, kept - (kept >> 3))
+    residual = min(against, RESIDUAL_TOP)
+    worst = max(residual, *state.residuals)
+    whole = max(support - 16 * worst, 0)
+    return Trust(whole * age // WHOLE_AGE, kept, support, age, residual, worst)
+
+
+class Advanced(NamedTuple):
+    """Results of a window."""
+
+    state: Filter  #: After the window.
+    seen: Seen
+    evidence: Evidence
+    best: Best
+    trust: Trust
+
+
+def advance(
+    known: FilterMap, state: Filter, activity: int, paused: bool, distances: Rows
+) -> Advanced:
+    """Advance the filter by a window, and match it."""
+    seen = see(known, state, activity, paused)
+    against = evidence(known, state, seen, distances)
+    predicted = predict(known, state, [steps_of(known, seen, gain) for gain in known.gains])
+    metrics = add(predicted, against, seen.looks)
+    found = best(known, metrics)
+    follows = state.place is not None and 0 <= found.place - state.place <= known.last
+    judged = trust(state, found, against.against[seen.looks[found.gain]][found.place], follows)
+    after = state_after(state, seen, against, metrics, found, judged)
+    return Advanced(after, seen, against, found, judged)
+
+
+def state_after(
+    state: Filter, seen: Seen, against: Evidence, metrics: Rows, found: Best, judged: Trust
+) -> Filter:
+    """Return what is kept for the next window."""
+    return Filter(
+        metrics, found.place, found.gain, seen.few, seen.speed, seen.moved, against.reciprocals,
+        judged.support, judged.age, (judged.residual, state.residuals[0]),
+    )  # fmt: skip
 
 
 # The device.
@@ -344,16 +556,20 @@ class Kept:
     """What a device keeps from window to window, beside the distances of sequences."""
 
     windows: int  #: Windows so far.
-    mean_activity: int  #: Events of a window, in units of 1/256 event.
-    means: Sequence[int]  #: Mean of each slot of contrast codes, in units of 1/65,536 octave.
+    mean_activity: int  #: Events that count of a window, in units of 1/256 event.
+    newest: Rows  #: Counts of the last three windows, newest first, of several gains.
+    means: Rows  #: Of contrast codes, means of each sum and slot, in units of 1/65,536 octave.
     moves: int  #: Windows that moved these means.
     filter: Filter
 
     @classmethod
     def of(cls, memories: Memories) -> Kept:
         """Return what a device begins with, sections 2 to 4."""
-        blank = Filter([0] * memories.design.places)
-        return cls(0, memories.activity, [256 * mean for mean in memories.mean], 0, blank)
+        design = memories.design
+        blank = Filter([[0] * design.places] * design.gains)
+        means = [[256 * mean for mean in memories.mean]] * design.sums
+        newest = [[0] * design.slots] * 3
+        return cls(0, memories.activity, newest, means, 0, blank)
 
 
 class Machine:
@@ -390,7 +606,7 @@ class Machine:
         self.history: list[list[int]] = []
         self.states: list[WindowState] = []
         self._pixels = {pixel: slot for slot, pixel in enumerate(memories.pixels)}
-        self._costs = Costs(self.design.step_costs, self.design.restart << FRACTION_BITS)
+        self._known = FilterMap.of(memories) if self.design.filters else None
 
     def take(self, event: Event) -> Iterator[Result]:
         """Process an event, section 2.
@@ -398,8 +614,8 @@ class Machine:
         Yields
         ------
         EventResult, WindowResult or MatchResult
-            In the order in which they happen. After a `WindowResult`, counters and means are still
-            those of the window.
+            In the order in which they happen. After a `WindowResult`, counters and what is kept are
+            still those of the window.
         """
         design = self.design
         if design.window == "time":
@@ -424,82 +640,93 @@ class Machine:
         """Return the slot of an event; None if its pixel is not selected."""
         return self._pixels.get((event.x, event.y))
 
+    @property
+    def that_count(self) -> int:
+        """Events of the open window that count, section 3."""
+        if self.design.contrast:
+            return counted_events(self.counts, self.memories.limits)
+        return self.counted
+
     def _end_window(self) -> Iterator[Result]:
         """End the open window, section 3."""
-        design, kept, codes = self.design, self.kept, self.counts
-        paused = is_pause(self.counted, kept.mean_activity)
-        activity = activity_of(self.counted, kept.mean_activity)
-        levels: list[int] = []
+        design, kept = self.design, self.kept
+        counted, mean = self.that_count, kept.mean_activity
+        paused = is_pause(counted, mean)
+        activity = activity_of(counted, self.memories.activity if design.gains > 1 else mean)
+        codes, means = [self.counts], kept.means
         shift: int | None = None
         shared: int | None = None
+        newest = [self.counts, *kept.newest]
         if design.contrast:
-            levels = [LEVELS[count] for count in self.counts]
-            differences = differences_of(levels, kept.means)
-            shared, shift = window_mean(differences), mean_shift(kept.moves)
-            codes = [own_mean_code(one - shared, design.code_bits) for one in differences]
-        window = WindowResult(kept.windows, self.events, tuple(codes), activity, paused)
-        yield window
-        state = WindowState(
-            kept.windows, self.counted, kept.mean_activity, activity, paused, shift, shared
-        )
-        if shift is not None and not paused:
-            means = means_after(kept.means, levels, shift)
-            self.kept = replace(self.kept, means=means, moves=kept.moves + 1)
-        mean = mean_activity_after(kept.mean_activity, self.counted)
-        self.kept = replace(self.kept, mean_activity=mean, windows=kept.windows + 1)
+            codes, shift, shared, means = self._contrast_codes(newest)
+        yield WindowResult(kept.windows, self.events, tuple(codes[0]))
+        state = WindowState(kept.windows, counted, mean, activity, paused, shift, shared)
+        self.kept = replace(
+            kept, windows=kept.windows + 1, mean_activity=mean_activity_after(mean, counted),
+            newest=newest[:3], means=kept.means if paused else means,
+            moves=kept.moves + (not paused),
+        )  # fmt: skip
         self.counts, self.counted = [0] * design.slots, 0
         match: MatchResult | None
-        if design.filters:
-            match, state = self._filter(window, state)
+        if self._known is not None:
+            match, state = self._filter(self._known, codes, state)
         else:
-            match = self._sequence(window)
+            match = self._sequence(kept.windows, codes[0])
         if design.pauses:
             self.states.append(state)
         if match is not None:
             yield match
 
-    def distances(self, codes: Codes) -> list[int]:
+    def _contrast_codes(self, newest: Rows) -> tuple[list[list[int]], int, int, Rows]:
+        """Return codes of each sum, shift, mean of the differences of one window, and new means."""
+        codes, means, shared_of = [], [], []
+        shift = mean_shift(self.kept.moves)
+        sums = sums_of(newest, self.design.sums)
+        for counts, mean in zip(sums, self.kept.means, strict=True):
+            levels = [LEVELS[min(count, len(LEVELS) - 1)] for count in counts]
+            differences = differences_of(levels, mean)
+            shared = window_mean(differences)
+            codes.append([own_mean_code(d - shared, self.design.code_bits) for d in differences])
+            means.append(means_after(mean, levels, shift))
+            shared_of.append(shared)
+        return codes, shift, shared_of[0], means
+
+    def distances(self, codes: Sequence[int]) -> list[int]:
         """Return the distance of the codes of a window to every place, section 5."""
         return [distance(codes, place) for place in self.memories.places]
 
-    def _sequence(self, window: WindowResult) -> MatchResult | None:
+    def _sequence(self, window: int, codes: Sequence[int]) -> MatchResult | None:
         """Match a window by sequences, section 5; None before there are L windows."""
         length = self.design.length
-        self.history = [self.distances(window.codes), *self.history][:length]
+        self.history = [self.distances(codes), *self.history][:length]
         if len(self.history) < length:
             return None
         found = search(sequence_sums(self.history), self.design.exclusion, length - 1)
-        return MatchResult(window.number, *found, accepts(self.design, found, 0))
+        return MatchResult(window, *found, accepts(self.design, found, 0))
 
-    def predictions(self, activity: int) -> list[int]:
-        """Return the cost of being at each place after a window of this activity, section 6."""
-        before = self.kept.filter
-        if before.place is None:
-            return [0] * self.design.places
-        transitions = transitions_by_steps(self._costs, activity, self.memories.place_activity)
-        return predict(before.metrics, transitions, self._costs.restart)
-
-    def _filter(self, window: WindowResult, state: WindowState) -> tuple[MatchResult, WindowState]:
+    def _filter(
+        self, known: FilterMap, codes: Rows, state: WindowState
+    ) -> tuple[MatchResult, WindowState]:
         """Match a window by the place filter, section 6."""
-        design, before = self.design, self.kept.filter
-        distances, weight = None, 0
-        if not window.paused:
-            distances, weight = self.distances(window.codes), weight_of(window.activity)
-        advanced, evidence = advance(before, self.predictions(window.activity), distances, weight)
-        found = search(advanced.metrics, design.exclusion)
-        step = None if before.place is None else found.place - before.place
-        follows = step is not None and 0 <= step <= self._costs.last
-        after, trust = judge(advanced, found, evidence[found.place], follows)
+        distances = [self.distances(of_sum) for of_sum in codes]
+        after, seen, against, found, judged = advance(
+            known, self.kept.filter, state.activity, state.paused, distances
+        )
         self.kept = replace(self.kept, filter=after)
-        if distances is not None:
-            reciprocal = before.reciprocal or after.reciprocal
-            state = state._replace(reciprocal=reciprocal, spread=spread_of(distances))
         state = state._replace(
-            weight=weight, least=min(after.metrics), margin=trust.margin, kept=trust.kept,
-            support=trust.support, worst_residual=trust.worst_residual,
+            weight=0 if state.paused else seen.weight, few=seen.few, stands=seen.stands,
+            speed=seen.speed, sums=sum(1 << i for i in set(seen.looks)), best=found.place,
+            gain=known.gains[found.gain], least=found.found.sum, margin=found.margin,
+            kept=judged.kept, support=judged.support, age=judged.age,
+            worst_residual=judged.worst_residual,
         )  # fmt: skip
-        accepted = accepts(design, found, trust.trust)
-        return MatchResult(window.number, *found, accepted, trust.trust), state
+        if not state.paused:
+            i = seen.looks[found.gain]
+            biased = [d + b for d, b in zip(distances[i], known.bias, strict=True)]
+            state = state._replace(reciprocal=against.scales[i], spread=spread_of(biased))
+        accepted = accepts(self.design, found.found, judged.trust)
+        told = found.found._replace(place=found.told)
+        return MatchResult(state.window, *told, accepted, judged.trust), state
 
 
 @dataclass

@@ -6,40 +6,120 @@ Smoothing, odometry, jumps and misfit extend the place filter of `specification`
 from __future__ import annotations
 
 from collections.abc import Sequence
-from itertools import groupby, pairwise, product
+from itertools import groupby, pairwise
 from typing import NamedTuple
 
 from firmware_model.specification import (
-    Costs,
+    GAIN_STEP,
+    PATIENCE,
+    Advanced,
+    Best,
     Edges,
     Filter,
+    FilterMap,
+    Rows,
+    Seen,
     activity_of,
-    advance,
+    add,
+    best,
+    change_gain,
+    costs_to,
+    differences_of,
     distance,
+    evidence,
     is_pause,
-    judge,
-    margin_of,
     mean_activity_after,
+    mean_shift,
+    means_after,
+    move,
+    own_mean_code,
     predict,
-    row_of,
-    search,
-    transitions_by_steps,
-    weight_of,
+    see,
+    state_after,
+    steps_of,
+    sums_of,
+    trust,
+    window_mean,
 )
-from fixedpoint.activity import EVENTS_TOP
+from fixedpoint.activity import BANK_COSTS, GAINS
 
-Rows = Sequence[Sequence[int]]
+#: patience of a whole drive, see `specification.PATIENCE`
+PATIENCE_SMOOTHED = 8
+#: windows of a number of events say nothing about the speed: costs of steps in every row
+COUNT_COSTS = {1: (4, 0, 0, 4), 2: (4, 0, 0, 0, 0, 4)}
 
 
-class DriveMatch(NamedTuple):
-    """Match of a window by more than the windows before it; second is None if there is none."""
+# Constants of a map.
 
-    place: int
-    sum: int
-    second: int | None
-    second_sum: int | None
-    ties: int
-    trust: int
+
+def limits_of(counts: Rows) -> list[int]:
+    """Return the most events of each pixel that count, from the windows of the reference.
+
+    At most one window in 50 has more events at this pixel.
+    """
+    n = len(counts)
+    return [sorted(column)[n - 1 - n // 50] for column in zip(*counts, strict=True)]
+
+
+def typical_distances(places: Rows) -> list[int]:
+    """Return the mean distance of each place to all places, less the mean of these means."""
+    means = [sum(distance(a, b) for b in places) // len(places) for a in places]
+    return [mean - sum(means) // len(means) for mean in means]
+
+
+def bias_of(typical: Sequence[int]) -> list[int]:
+    """Return what is added to the distances of each place, from the typical distances."""
+    parts = [(4 * one) >> 3 for one in typical]
+    return [min(max(parts) - part, 255) for part in parts]
+
+
+class DriveMap(NamedTuple):
+    """What a map says about drives.
+
+    Attributes
+    ----------
+    filter : FilterMap
+    typical : sequence of int, length K
+        See `typical_distances`.
+    mean_activity : int
+        Mean of the events that count of the reference's windows, in units of 1/256 event.
+    along : sequence of int, length K, or empty
+        Distance of each place on the reference drive, in millimetres.
+    jumps : sequence of (int, int)
+    """
+
+    filter: FilterMap
+    typical: Sequence[int]
+    mean_activity: int
+    along: Sequence[int] = ()
+    jumps: Sequence[tuple[int, int]] = ()
+
+    @classmethod
+    def of(
+        cls,
+        activity: Sequence[int],
+        typical: Sequence[int],
+        mean_activity: int,
+        per_window: int,
+        restart: int,
+        exclusion: int,
+        along: Sequence[int] = (),
+        jumps: Sequence[tuple[int, int]] = (),
+        gains: Sequence[int] = GAINS,
+        by_count: bool = False,
+    ) -> DriveMap:
+        """Return the map with the bias of these typical distances, and its costs of steps."""
+        costs: Rows = BANK_COSTS[per_window]
+        if by_count:
+            costs = (COUNT_COSTS[per_window],) * len(costs)
+        of_filter = FilterMap(
+            activity, bias_of(typical), per_window, restart, exclusion, gains, costs
+        )
+        return cls(of_filter, typical, mean_activity, along, jumps)
+
+    def begin(self) -> Filter:
+        """Return the filter before the first window."""
+        return Filter([[0] * len(self.typical) for _ in self.filter.gains])
 
 
 # Odometry.
@@ -101,30 +181,297 @@ def most_weight(along: Sequence[int], driven: int, per_window: int) -> int:
 # Jumps.
 
 
-def steps_and_jumps(
-    costs: Costs,
+def steps_and_jumps(known: DriveMap, seen: Seen, gain: int) -> Edges:
+    """Return the steps of a gain, also those that lead through a jump."""
+    of_filter, last = known.filter, len(known.typical) - 1
+    found = steps_of(of_filter, seen, gain)
+    for a, b in known.jumps:
+        for over in range(min(of_filter.last, last - b + 1)):
+            costs = costs_to(of_filter, seen, gain, b + over)
+            for step in range(over + 1, min(of_filter.last, a + over + 1) + 1):
+                found.append((a - (step - 1 - over), b + over, costs[step]))
+    return found
+
+
+# A window of a drive.
+
+
+class Window(NamedTuple):
+    """Results of a window.
+
+    Attributes
+    ----------
+    advanced : Advanced
+    steps : sequence of Edges
+        Of each gain.
+    by_distance : Edges or None
+        In place of them, with odometry: from every gain to every other.
+    share : int
+        What odometry leaves of the weight of the evidence, in eighths.
+    """
+
+    advanced: Advanced
+    steps: Sequence[Edges]
+    by_distance: Edges | None
+    share: int
+
+    @property
+    def metrics(self) -> Rows:
+        """M, of each gain and place."""
+        return self.advanced.state.metrics
+
+    def evidence(self, gain: int) -> Sequence[int]:
+        """Return the evidence of the sum that a gain, by its index, looks at."""
+        return self.advanced.evidence.against[self.advanced.seen.looks[gain]]
+
+    def factor(self, gain: int) -> int:
+        """Return the reciprocal times the weight by which it was made; 0 in a pause."""
+        seen = self.advanced.seen
+        return self.advanced.evidence.scales[seen.looks[gain]] * seen.weight
+
+
+def advance_window(
+    known: DriveMap,
+    state: Filter,
     activity: int,
-    place_activity: Sequence[int],
-    jumps: Sequence[tuple[int, int]],
-) -> Edges:
-    """Return the steps of a window, also those that lead through a jump."""
-    found = transitions_by_steps(costs, activity, place_activity)
-    for k, of_place in enumerate(place_activity):
-        row = costs.rows[row_of(activity - of_place)]
-        for (a, b), step in product(jumps, range(1, len(row))):
-            origin = a - (step - 1 - (k - b))
-            if b <= k < b + step and origin >= 0:
-                found.append((origin, k, row[step]))
+    paused: bool,
+    distances: Rows,
+    *,
+    patience: int = PATIENCE,
+    driven: int | None = None,
+    driven_whole: int = 0,
+) -> Window:
+    """Advance the filter by a window: `specification.advance`, with odometry and jumps.
+
+    Parameters
+    ----------
+    driven, driven_whole : int
+        With odometry, the distance that counts and the whole distance of the window.
+    """
+    of_filter = known.filter
+    seen = see(of_filter, state, activity, paused, patience)
+    whole, by_distance = seen.weight, None
+    if driven is not None:
+        along, per_window = known.along, of_filter.per_window
+        by_distance = transitions_by_distance(along, driven, per_window, known.jumps)
+        weight = min(whole, most_weight(along, driven_whole, per_window))
+        seen = seen._replace(weight=weight, looks=[0] * len(seen.looks))
+    against = evidence(of_filter, state, seen, distances)
+    steps = [steps_and_jumps(known, seen, gain) for gain in of_filter.gains]
+    if by_distance is None:
+        predicted = predict(of_filter, state, steps)
+    else:
+        predicted = predict_by_distance(of_filter, state, by_distance)
+    metrics = add(predicted, against, seen.looks)
+    found = best(of_filter, metrics)
+    follows = is_reached(known, state.place, found.place, by_distance)
+    judged = trust(state, found, against.against[seen.looks[found.gain]][found.place], follows)
+    after = state_after(state, seen, against, metrics, found, judged)
+    share = 8 * seen.weight // whole if whole and not paused else 8
+    return Window(Advanced(after, seen, against, found, judged), steps, by_distance, share)
+
+
+def predict_by_distance(known: FilterMap, state: Filter, by_distance: Edges) -> list[list[int]]:
+    """Return the predictions by a driven distance, which is the same for every gain."""
+    if state.place is None:
+        return predict(known, state, ())
+    least = [min(column) for column in zip(*state.metrics, strict=True)]
+    once = move([one - min(least) for one in least], by_distance, known.restart)
+    return [[one + GAIN_STEP * (h != state.gain) for one in once] for h in range(len(known.gains))]
+
+
+def is_reached(known: DriveMap, before: int | None, place: int, by_distance: Edges | None) -> bool:
+    """Return whether a best place follows that of the window before."""
+    if before is None:
+        return False
+    if by_distance is not None:
+        return any(
+            (j, k) == (before, place) and cost < known.filter.restart for j, k, cost in by_distance
+        )
+    last = known.filter.last
+    return 0 <= place - before <= last or any(
+        a >= before and place >= b and (a - before) + (place - b) < last for a, b in known.jumps
+    )
+
+
+# The rest of a drive.
+
+
+def smoothed(known: DriveMap, windows: Sequence[Window]) -> list[tuple[Best, Rows]]:
+    """Return the best place of each window by the whole drive, and the costs of whole paths.
+
+    Each gain looks at the same sums backwards as forwards.
+    """
+    to_go: Rows = known.begin().metrics
+    found: list[tuple[Best, Rows]] = []
+    for window in reversed(windows):
+        whole = _sums(window.metrics, to_go)
+        found.append((best(known.filter, whole), whole))
+        behind = _sums(to_go, [window.evidence(h) for h in range(len(to_go))])
+        to_go = change_gain(_before(known, window, behind))
+    return found[::-1]
+
+
+def _sums(one: Rows, other: Rows) -> list[list[int]]:
+    return [
+        [a + b for a, b in zip(row, also, strict=True)]
+        for row, also in zip(one, other, strict=True)
+    ]
+
+
+def _before(known: DriveMap, window: Window, behind: Rows) -> list[list[int]]:
+    """Return the least costs before a window: the steps of each gain, mirrored."""
+    restart = known.filter.restart
+    if window.by_distance is not None:
+        least = [min(column) for column in zip(*behind, strict=True)]
+        return [move(least, _mirrored(window.by_distance), restart)] * len(behind)
+    pairs = zip(behind, window.steps, strict=True)
+    return [move(row, _mirrored(steps), restart) for row, steps in pairs]
+
+
+def _mirrored(edges: Edges) -> Edges:
+    return [(target, origin, cost) for origin, target, cost in edges]
+
+
+# A drive.
+
+
+class DriveMatch(NamedTuple):
+    """Match of a window of a drive; second is None if there is none."""
+
+    place: int
+    sum: int
+    second: int | None
+    second_sum: int | None
+    ties: int
+    trust: int
+
+
+def _match_of(one: Best, trust_in_it: int) -> DriveMatch:
+    return DriveMatch(*one.found._replace(place=one.told), trust_in_it)
+
+
+def windows_of(
+    known: DriveMap,
+    distances: Sequence[Rows],
+    counted: Sequence[int],
+    driven: Sequence[int | None] = (),
+    *,
+    patience: int = PATIENCE,
+    begin: tuple[Filter, int] | None = None,
+) -> list[Window]:
+    """Advance the filter by the n windows of a drive.
+
+    Parameters
+    ----------
+    distances : sequence of Rows, shape (n, 1 or 3, K)
+        Of the sums of each window to each place.
+    counted : sequence of int, length n
+        Events that count of each window.
+    driven : sequence of int or None, length n, optional
+        Distance between the newest readings of the odometer in a window and in the one before.
+    begin : Filter and int, optional
+        The filter and the mean activity before these windows.
+    """
+    state, mean = begin or (known.begin(), known.mean_activity)
+    raw = driven or [None] * len(counted)
+    that_counts = anchored(raw, spacing_of(known.along)) if known.along else raw
+    found = []
+    for rows, events, of_anchor, mm in zip(distances, counted, that_counts, raw, strict=True):
+        of_mean = known.mean_activity if len(known.filter.gains) > 1 else mean
+        window = advance_window(
+            known, state, activity_of(events, of_mean), is_pause(events, mean), rows,
+            patience=patience, driven=of_anchor, driven_whole=mm or 0,
+        )  # fmt: skip
+        state, mean = window.advanced.state, mean_activity_after(mean, events)
+        found.append(window)
+    return found
+
+
+def live_matches(windows: Sequence[Window]) -> list[DriveMatch]:
+    """Return the match of each window by the windows before it."""
+    return [_match_of(one.advanced.best, one.advanced.trust.trust) for one in windows]
+
+
+def smoothed_matches(known: DriveMap, windows: Sequence[Window]) -> list[DriveMatch]:
+    """Return the match of each window by the whole drive."""
+    n, found = len(windows), [one for one, _ in smoothed(known, windows)]
+    places = [one.place for one in found]
+    pairs = enumerate(pairwise(places), 1)
+    chained = [False, *(is_reached(known, *pair, windows[w].by_distance) for w, pair in pairs)]
+    alike = [len(list(same)) for _, same in groupby(places)]
+    row = [size for size in alike for _ in range(size)]
+    terms = []
+    for size, one in zip(row, found, strict=True):
+        second = one.found.second_sum
+        term = 16 * (1023 if second is None else second - one.found.sum)
+        for _ in range(size - 1):
+            term -= term >> 4
+        terms.append(term)
+    against = [w.evidence(one.gain)[one.place] for w, one in zip(windows, found, strict=True)]
+    matches = []
+    for w in range(n):
+        first, last = w, w
+        while first > max(w - 4, 0) and chained[first]:
+            first -= 1
+        while last < min(w + 4, n - 1) and chained[last + 1]:
+            last += 1
+        worst = max(against[max(w - 4, 0) : w + 5])
+        total = max(sum(terms[first : last + 1]) // 9 - 16 * worst, 0)
+        matches.append(_match_of(found[w], total))
+    return matches
+
+
+# Codes of the sums.
+
+
+def codes_of_sums(
+    counts: Rows, levels: Sequence[int], means: Sequence[int], bits: int, paused: Sequence[bool],
+    number: int = 3,
+) -> list[list[list[int]]]:  # fmt: skip
+    """Return the contrast codes of the newest 1, 2 and 4 windows at each window, section 4.
+
+    Parameters
+    ----------
+    means : sequence of int, length J
+        Initial means.
+    paused : sequence of bool, length n
+        Windows that move no mean.
+    number : int
+        Number of sums.
+
+    Returns
+    -------
+    lists of int, shape (n, number, J)
+    """
+    running: list[Sequence[int]] = [[256 * mean for mean in means]] * number
+    moves, found = 0, []
+    for w, pause in enumerate(paused):
+        newest = [counts[v] if v >= 0 else [0] * len(means) for v in range(w, w - 4, -1)]
+        of_window = []
+        for i, sums in enumerate(sums_of(newest, number)):
+            of_sum = [levels[min(one, len(levels) - 1)] for one in sums]
+            differences = differences_of(of_sum, running[i])
+            shared = window_mean(differences)
+            of_window.append([own_mean_code(one - shared, bits) for one in differences])
+            if not pause:
+                running[i] = means_after(running[i], of_sum, mean_shift(moves))
+        moves += not pause
+        found.append(of_window)
     return found
 
 
 # Misfit.
 
 
-def typical_distances(places: Rows) -> list[int]:
-    """Return the mean distance of each place to all places, less the mean of these means."""
-    means = [sum(distance(a, b) for b in places) // len(places) for a in places]
-    return [mean - sum(means) // len(means) for mean in means]
+def misfit_of(window: Window, gain: int, place: int, typical: int) -> int | None:
+    """Return the misfit of a window at a place with a gain; None without evidence."""
+    factor, share, against = window.factor(gain), window.share, window.evidence(gain)
+    if not factor:
+        return None
+    mean = sum(against) // len(against)
+    advantage = 8 * (mean - against[place] + ((4 * typical * factor) >> 20)) // share
+    return min(8 * against[place] // share, 23) - min(max(advantage, -23), 23)
 
 
 def running_misfits(of_windows: Sequence[int | None]) -> list[int]:
@@ -149,173 +496,3 @@ def smoothed_misfits(of_windows: Sequence[int | None]) -> list[int]:
 def confidence_of(trust: int, misfit: int) -> int:
     """Return the net trust, which determines the probability; sequences have a misfit of -1."""
     return trust if misfit < 0 else min(trust, 368) - 4 * misfit
-
-
-# A drive.
-
-
-def possible_starts(counted: Sequence[int], mean_activity: int) -> tuple[int, ...]:
-    """Return where the mean activity of a smoothed drive may start; first as the reference's."""
-    own = min(256 * sum(counted) // len(counted), 256 * EVENTS_TOP)
-    far = 2 * own <= mean_activity or own >= 2 * mean_activity
-    return (mean_activity, own) if far else (mean_activity,)
-
-
-class Drive:
-    """A drive of n windows, matched to K places by the place filter.
-
-    Parameters
-    ----------
-    exclusion : int
-        Places on each side of the best one in which no second best is searched.
-    distances : sequences of int, shape (n, K)
-        Of each window to each place.
-    counted : sequence of int, length n
-        Events of each window.
-    mean_activity : int
-        Mean activity before the first window.
-    place_activity : sequence of int, length K
-    per_window : {1, 2}
-        Places per window.
-    along : sequence of int, length K, optional
-        Distance of each place on the reference drive.
-    driven : sequence of int or None, length n, optional
-        Distance between the newest readings of the odometer in a window and in the one before.
-    begin : Filter, optional
-        State of the filter before these windows.
-
-    Attributes
-    ----------
-    metrics, evidence : lists of lists of int, shape (n, K)
-    """
-
-    def __init__(
-        self,
-        costs: Costs,
-        exclusion: int,
-        distances: Rows,
-        counted: Sequence[int],
-        mean_activity: int,
-        place_activity: Sequence[int],
-        *,
-        per_window: int = 1,
-        jumps: Sequence[tuple[int, int]] = (),
-        along: Sequence[int] = (),
-        driven: Sequence[int | None] = (),
-        begin: Filter | None = None,
-    ) -> None:
-        self.costs, self.exclusion, self.jumps = costs, exclusion, jumps
-        raw = driven or [None] * len(distances)
-        self.driven = anchored(raw, spacing_of(along)) if along else raw
-        self.begin = begin or Filter([0] * len(place_activity))
-        self.metrics: list[Sequence[int]] = []
-        self.evidence: list[list[int]] = []
-        self.transitions: list[Edges] = []
-        #: reciprocal times weight of each window, and the share that odometry leaves, in eighths
-        self.scales: list[tuple[int, int]] = []
-        state, mean = self.begin, mean_activity
-        for row, count, of_anchor, mm in zip(distances, counted, self.driven, raw, strict=True):
-            paused, activity = is_pause(count, mean), activity_of(count, mean)
-            mean = mean_activity_after(mean, count)
-            whole = weight = weight_of(activity)
-            if of_anchor is None or mm is None:
-                ways = steps_and_jumps(costs, activity, place_activity, jumps)
-            else:
-                ways = transitions_by_distance(along, of_anchor, per_window, jumps)
-                weight = weight_of(activity, most_weight(along, mm, per_window))
-            predicted = [0] * len(place_activity)
-            if state.place is not None:
-                predicted = predict(state.metrics, ways, costs.restart)
-            before = state.reciprocal
-            state, evidence = advance(state, predicted, None if paused else row, weight)
-            # the first window has no place before it
-            state = state._replace(place=0)
-            self.transitions.append(ways)
-            self.metrics.append(state.metrics)
-            self.evidence.append(evidence)
-            scale = 0 if paused else (before or state.reciprocal) * weight
-            self.scales.append((scale, 8 * weight // whole if scale else 8))
-
-    def whole(self, w: int) -> list[int]:
-        """Return the cost of the whole path through each place in window w."""
-        cost_to_go = [0] * len(self.metrics[0])
-        for v in range(len(self.metrics) - 1, w, -1):
-            total = [e + g for e, g in zip(self.evidence[v], cost_to_go, strict=True)]
-            mirrored = [(k, j, cost) for j, k, cost in self.transitions[v]]
-            cost_to_go = predict(total, mirrored, self.costs.restart)
-        return [m + g for m, g in zip(self.metrics[w], cost_to_go, strict=True)]
-
-    def follows(self, w: int, before: int | None, place: int) -> bool:
-        """Return whether a match of window w follows the one before."""
-        if before is None:
-            return False
-        if self.driven[w] is not None:
-            return any(
-                (j, k) == (before, place) and cost < self.costs.restart
-                for j, k, cost in self.transitions[w]
-            )
-        if 0 <= place - before <= self.costs.last:
-            return True
-        return any(
-            a >= before and place >= b and (a - before) + (place - b) < self.costs.last
-            for a, b in self.jumps
-        )
-
-    def smoothed(self) -> list[DriveMatch]:
-        """Return the match of each window by the whole drive."""
-        n = len(self.metrics)
-        best = [search(self.whole(w), self.exclusion) for w in range(n)]
-        places, margins = [one.place for one in best], [margin_of(one) for one in best]
-        chained = [False, *(self.follows(w, *pair) for w, pair in enumerate(pairwise(places), 1))]
-        alike = [len(list(same)) for _, same in groupby(places)]
-        row = [size for size in alike for _ in range(size)]
-        terms = []
-        for size, margin in zip(row, margins, strict=True):
-            term = 16 * margin
-            for _ in range(size - 1):
-                term -= term >> 4
-            terms.append(term)
-        found = []
-        for w in range(n):
-            first, last = w, w
-            while first > max(w - 4, 0) and chained[first]:
-                first -= 1
-            while last < min(w + 4, n - 1) and chained[last + 1]:
-                last += 1
-            near = range(max(w - 4, 0), min(w + 4, n - 1) + 1)
-            worst = max(self.evidence[v][places[v]] for v in near)
-            trust = max(sum(terms[first : last + 1]) // 9 - 16 * worst, 0)
-            found.append(DriveMatch(*best[w], trust))
-        return found
-
-    def live(self) -> list[DriveMatch]:
-        """Return the match of each window by the windows before it, as in section 6."""
-        state, found = self.begin, []
-        for w, row in enumerate(self.metrics):
-            one = search(row, self.exclusion)
-            follows = self.follows(w, state.place, one.place)
-            state, trust = judge(state, one, self.evidence[w][one.place], follows)
-            found.append(DriveMatch(*one, trust.trust))
-        return found
-
-    def misfits(self, places: Sequence[int], typical: Sequence[int]) -> list[int | None]:
-        """Return the misfit of each window matched to these places; None without evidence.
-
-        Parameters
-        ----------
-        typical : sequence of int, length K
-            See `typical_distances`.
-        """
-        found: list[int | None] = []
-        for evidence, place, (scale, share) in zip(self.evidence, places, self.scales, strict=True):
-            mean = sum(evidence) // len(evidence)
-            advantage = mean - evidence[place] + ((typical[place] * scale) >> 17)
-            against = min(8 * evidence[place] // share, 23) if share else 0
-            nearer = min(max(8 * advantage // share, -23), 23) if share else 0
-            found.append(against - nearer if scale else None)
-        return found
-
-
-def likelier(starts: Sequence[Drive]) -> Drive:
-    """Return the drive whose smoothed matches have the most trust; the first of equal ones."""
-    return max(starts, key=lambda drive: sum(match.trust for match in drive.smoothed()))

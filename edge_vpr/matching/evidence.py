@@ -135,7 +135,7 @@ def evidence_of_sum(
     Parameters
     ----------
     bias : ndarray of int64, shape (K,)
-        Part of the typical distances, which is subtracted.
+        Added to the distances, see `prediction.bias_of`.
     before : int
         Reciprocal of the spread in the window before; 0 takes that of this window.
 
@@ -144,10 +144,10 @@ def evidence_of_sum(
     scale, reciprocal : int
         Reciprocal that was used, and that of this window.
     """
-    less = np.empty(bias.size, dtype=np.int64)
+    biased = np.empty(bias.size, dtype=np.int64)
     for k in range(bias.size):
-        less[k] = np.int64(distances[k]) - bias[k]
-    own = reciprocal_of_spread(less)
+        biased[k] = np.int64(distances[k]) + bias[k]
+    own = reciprocal_of_spread(biased)
     scale = before if before > 0 else own
-    evidence_of(less, scale, weight, out)
+    evidence_of(biased, scale, weight, out)
     return scale, own

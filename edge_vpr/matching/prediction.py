@@ -129,7 +129,7 @@ class FilterTable(NamedTuple):
     typical : ndarray of int64, shape (K,)
         See `distances.typical_distances`.
     bias : ndarray of int64, shape (K,)
-        Part of it that is subtracted from distances.
+        See `bias_of`.
     exclusion : int
         The second-best place is more than this many places from the best.
     reach : int
@@ -145,6 +145,30 @@ class FilterTable(NamedTuple):
     bias: npt.NDArray[np.int64]
     exclusion: int
     reach: int
+
+
+#: largest bias: a byte
+BIAS_TOP = 255
+
+
+def bias_of(typical: npt.NDArray[np.int64]) -> npt.NDArray[np.int64]:
+    """Return what is added to the distances of each place, so that calm places do not win.
+
+    It is half of the typical distance less that of the place with the largest one, with the sign
+    turned, since only differences of distances matter.
+
+    Parameters
+    ----------
+    typical : ndarray of int64, shape (K,)
+        See `distances.typical_distances`.
+
+    Returns
+    -------
+    ndarray of int64, shape (K,)
+        0 to 255.
+    """
+    part = typical * TYPICAL_EIGHTHS >> 3
+    return np.minimum(part.max() - part, BIAS_TOP)
 
 
 @kernel(inner=True)
@@ -381,7 +405,7 @@ class Transitions:
         gains = np.array(GAINS if costs.gains > 1 else (0,), dtype=np.int64)
         self.table = FilterTable(
             costs.by_step, gains, costs.restart << FRACTION_BITS, self.jumps, place_activity,
-            typical, typical * TYPICAL_EIGHTHS >> 3, exclusion, REACH[costs.places_per_window],
+            typical, bias_of(typical), exclusion, REACH[costs.places_per_window],
         )  # fmt: skip
         self._along = along_mm
         #: mean distance between two places; 0 if the map has no distances

@@ -51,10 +51,12 @@ def memory_words(memories: Memories) -> dict[str, Table]:
     if design.contrast:
         words["levels"] = _single("level", bits["level"], LEVELS)
         words["means"] = _single("mean", bits["level"], memories.mean)
+        words["limits"] = _single("limit", bits["limit"], memories.limits)
     if design.filters:
         width = bits["place_activity"]
         unsigned = (activity % (1 << width) for activity in memories.place_activity)
         words["place_activity"] = _single("place_activity", width, unsigned)
+        words["place_bias"] = _single("place_bias", bits["place_bias"], memories.place_bias)
     return words
 
 

@@ -9,29 +9,29 @@ from edge_vpr.matching.filter_match import MISFIT, PLACE, TRUST
 from edge_vpr.matching.place_filter import PATIENCE, PATIENCE_SMOOTHED, PlaceFilter
 from edge_vpr.matching.prediction import TransitionCosts, Transitions
 from edge_vpr.matching.smoothing import BackwardPass
-from firmware_model import specification_bank as spec
-from firmware_model.specification_drive import running_misfits, typical_distances
-from fixedpoint.activity import BANK_COSTS, GAINS, SUMS, bank_costs
+from firmware_model import specification_drive as spec
+from firmware_model.specification import activity_of, gains_of, is_pause, mean_activity_after
+from fixedpoint.activity import BANK_COSTS, SUMS, bank_costs
 
 PIXELS = 9
 
 
-def drawn_map(rng, per_window, jumps=()):
+def drawn_map(rng, per_window, jumps=(), gains=7):
     """Return a map of random codes, its constants, and the filter with these."""
     places = int(rng.integers(2, 40))
     codes = rng.integers(0, 8, (places, PIXELS))
     activity = rng.integers(-40, 30, places).astype(np.int32)
     along = np.cumsum(rng.integers(0, 3_000, places)).astype(np.int64)
     along[-1] += 1_000
-    typical = np.array(typical_distances(codes.tolist()), dtype=np.int64)
+    typical = np.array(spec.typical_distances(codes.tolist()), dtype=np.int64)
     mean, restart, exclusion = int(rng.integers(1, 60_000)), int(rng.integers(1, 31)), 3
     kept = [pair for pair in jumps if max(pair) < places]
-    known = spec.BankMap(
+    known = spec.DriveMap.of(
         activity.tolist(), typical.tolist(), mean, per_window, restart << 2, exclusion,
-        along.tolist(), kept,
+        along.tolist(), kept, gains_of(gains),
     )  # fmt: skip
     transitions = Transitions(
-        places, TransitionCosts(restart, per_window, gains=7), activity,
+        places, TransitionCosts(restart, per_window, gains=gains), activity,
         np.array(kept, dtype=np.int32).reshape(-1, 2), along, typical, exclusion,
     )  # fmt: skip
     return known, transitions
@@ -39,7 +39,7 @@ def drawn_map(rng, per_window, jumps=()):
 
 def drawn_drive(rng, known, windows):
     """Return distances of sums, and events: near the mean, few, none, or many."""
-    places = len(known.activity)
+    places = len(known.typical)
     distances = rng.integers(0, 7 * PIXELS, (windows, len(SUMS), places))
     true = np.cumsum(rng.integers(0, 3, windows)) % places
     distances[np.arange(windows), :, true] //= 6
@@ -50,16 +50,17 @@ def drawn_drive(rng, known, windows):
 
 
 def specified(known, distances, events, patience, driven):
-    """Run the specification over a drive."""
-    state = spec.Filter([[0] * len(known.activity)] * len(GAINS), known.mean_activity)
-    matches, windows = [], []
+    """Run the specification over a drive whose distances count as they are."""
+    state, mean, windows = known.begin(), known.mean_activity, []
     for row, counted, mm in zip(distances.tolist(), events.tolist(), driven, strict=True):
-        state, match, window = spec.advance(
-            known, state, row, counted, patience=patience, driven=mm, driven_whole=mm or 0
-        )
-        matches.append(match)
+        of_mean = known.mean_activity if len(known.filter.gains) > 1 else mean
+        window = spec.advance_window(
+            known, state, activity_of(counted, of_mean), is_pause(counted, mean), row,
+            patience=patience, driven=mm, driven_whole=mm or 0,
+        )  # fmt: skip
+        state, mean = window.advanced.state, mean_activity_after(mean, counted)
         windows.append(window)
-    return matches, windows
+    return spec.live_matches(windows), windows
 
 
 def run(bank, distances, events, driven):
@@ -68,17 +69,18 @@ def run(bank, distances, events, driven):
     for row, counted, mm in zip(distances, events, driven, strict=True):
         if mm is not None:
             bank.predict_travelled(mm, mm)
-        found.append(bank.update_windows(row[None], np.array([counted])))
+        found.append(bank.update_windows(row[None, : bank.sums], np.array([counted])))
     return type(found[0])(*(np.concatenate(column) for column in zip(*found, strict=True)))
 
 
 @pytest.mark.parametrize("per_window", [1, 2])
 @pytest.mark.parametrize("odometry", [False, True])
-@pytest.mark.parametrize("seed", range(6))
-def test_kernel_equals_the_specification_window_by_window_and_smoothed(per_window, odometry, seed):
+@pytest.mark.parametrize("gains", [1, 7])
+@pytest.mark.parametrize("seed", range(4))
+def test_kernel_equals_the_specification_live_and_smoothed(per_window, odometry, gains, seed):
     rng = np.random.default_rng((per_window, odometry, seed))
     jumps = [(3, 1), (7, 2)] if seed % 2 else []
-    known, transitions = drawn_map(rng, per_window, jumps)
+    known, transitions = drawn_map(rng, per_window, jumps, gains)
     windows = 40
     distances, events = drawn_drive(rng, known, windows)
     driven = [int(mm) if odometry and rng.random() < 0.6 else None
@@ -95,19 +97,20 @@ def test_kernel_equals_the_specification_window_by_window_and_smoothed(per_windo
         ]  # fmt: skip
         assert rows.columns[:, :MISFIT].tolist() == told
         of_windows = [
-            spec.misfit_of(w, w.evidence[w.gain], w.best, known.typical[w.best])
+            spec.misfit_of(w, one.gain, one.place, known.typical[one.place])
             for w in specified_windows
+            for one in [w.advanced.best]
         ]
-        assert rows.columns[:, MISFIT].tolist() == running_misfits(of_windows)
+        assert rows.columns[:, MISFIT].tolist() == spec.running_misfits(of_windows)
     residual = np.empty(windows, dtype=np.int64)
     BackwardPass(transitions).add_to(rows, driven, residual)
     smoothed = spec.smoothed(known, specified_windows)
-    assert rows.best.tolist() == [[best, gain] for best, gain, _ in smoothed]
-    assert rows.least.tolist() == [least for _, _, least in smoothed]
-    assert rows.columns[:, PLACE].tolist() == [
-        spec.middle(least, best, per_window) for best, _, least in smoothed
+    assert rows.best.tolist() == [[one.place, one.gain] for one, _ in smoothed]
+    assert rows.columns[:, PLACE].tolist() == [one.told for one, _ in smoothed]
+    assert rows.least.tolist() == [
+        [min(column) for column in zip(*whole, strict=True)] for _, whole in smoothed
     ]
-    against = [w.evidence[gain][best] for w, (best, gain, _) in
+    against = [w.evidence(one.gain)[one.place] for w, (one, _) in
                zip(specified_windows, smoothed, strict=True)]  # fmt: skip
     assert residual.tolist() == against
 
