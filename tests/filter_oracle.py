@@ -1,90 +1,72 @@
-"""Drives and saved states of a map, for the specification of the place filter and of codes."""
+"""Drives of a map, for the specification of the place filter and of codes."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
 
 from edge_vpr.matching.prediction import TransitionCosts
 from edge_vpr.reference_map import ReferenceMap
-from edge_vpr.settings import Settings
-from firmware_model.specification import (
-    Costs,
-    Filter,
-    differences_of,
+from firmware_model.specification import gains_of, ilog, is_pause, mean_activity_after
+from firmware_model.specification_drive import (
+    DriveMap,
+    DriveMatch,
+    Window,
+    codes_of_sums,
     distance,
-    ilog,
-    is_pause,
-    mean_activity_after,
-    mean_shift,
-    means_after,
-    own_mean_code,
-    window_mean,
+    typical_distances,
+    windows_of,
 )
-from firmware_model.specification_drive import Drive, DriveMatch, likelier, possible_starts
-from fixedpoint.activity import COSTS_BY_ACTIVITY, EVENTS_TOP
-from fixedpoint.own_mean import FULL_SCALE
+from fixedpoint.activity import EVENTS_TOP, SUMS
 
 Rows = list[list[int]]
 
 
-@dataclass(frozen=True)
-class Begin:
-    """What is kept of the windows that are over."""
-
-    windows: int
-    mean_activity: int  # events of a window, times 256
-    filter: Filter | None = None
-    means: list[int] | None = None  # of each counter, in units of 1/65,536 octave
-    moves: int = 0
-
-
-def begin_of(reference: ReferenceMap) -> Begin:
-    """Before the first window: the mean number of events is the reference's.
-
-    Places at half windows overlap: every second one counts.
-    """
-    activity = reference.places.selected_events.tolist()[:: reference.settings.places_per_window]
-    mean_activity = 256 * sum(activity) // len(activity)
-    return Begin(0, min(mean_activity, 256 * EVENTS_TOP))
+def drive_map(
+    costs: TransitionCosts,
+    activity: Sequence[int],
+    typical: Sequence[int],
+    mean_activity: int,
+    exclusion: int,
+    along: Sequence[int] = (),
+    jumps: Sequence[tuple[int, int]] = (),
+) -> DriveMap:
+    """What a map with these costs says."""
+    return DriveMap.of(
+        activity, typical, mean_activity, costs.places_per_window, 4 * costs.restart, exclusion,
+        along, jumps, gains_of(costs.gains), not costs.by_activity,
+    )  # fmt: skip
 
 
-def pauses(counted: Rows, mean_activity: int) -> list[bool]:
-    """Whether each window is a pause."""
-    paused = []
-    for row in counted:
-        paused.append(is_pause(sum(row), mean_activity))
-        mean_activity = mean_activity_after(mean_activity, sum(row))
-    return paused
+def mean_activity_of(events: Sequence[int], per_window: int = 1) -> int:
+    """Mean of the windows of places, those that do not overlap, in units of 1/256 event."""
+    some = list(events)[::per_window]
+    return min(256 * sum(some) // len(some), 256 * EVENTS_TOP)
 
 
-def place_activities(reference: ReferenceMap) -> list[int]:
+def activities(events: Sequence[int], mean_activity: int) -> list[int]:
     """Activity of each place, of a byte."""
-    mean_activity = begin_of(reference).mean_activity
-    return [
-        min(max(ilog(min(events, EVENTS_TOP)) - ilog(mean_activity // 256), -128), 127)
-        for events in reference.places.selected_events.tolist()
-    ]
+    of_mean = ilog(mean_activity // 256)
+    return [min(max(ilog(min(n, EVENTS_TOP)) - of_mean, -128), 127) for n in events]
 
 
-def costs_of(costs: TransitionCosts) -> Costs:
-    """Return all costs with their fraction bits; those of windows by number in equal rows."""
-    rows = COSTS_BY_ACTIVITY[costs.places_per_window]
-    if not costs.by_activity:
-        fixed = {1: (4, 0, 0, 4), 2: (4, 0, 0, 0, 0, 4)}[costs.places_per_window]
-        rows = (fixed,) * len(rows)
-    return Costs(rows, 4 * costs.restart)
+def of_reference(reference: ReferenceMap) -> DriveMap:
+    """What a reference map says; its places have the events that count."""
+    settings, events = reference.settings, reference.places.selected_events.tolist()
+    per_window = settings.places_per_window
+    mean_activity = mean_activity_of(events, per_window)
+    return drive_map(
+        TransitionCosts.of(settings), activities(events, mean_activity),
+        typical_distances(reference.places.counts.tolist()), mean_activity,
+        settings.exclusion * per_window,
+        jumps=[] if reference.jumps is None else reference.jumps.tolist(),
+    )  # fmt: skip
 
 
-def zone_of(settings: Settings) -> int:
-    """Places on each side in the exclusion zone, which is given in windows."""
-    return settings.exclusion * settings.places_per_window
-
-
-def levels_of(reference: ReferenceMap, counted: Rows) -> Rows:
-    """Logarithms of all counts."""
-    assert reference.own_mean_code is not None
-    return [[level_of(min(count, FULL_SCALE)) for count in row] for row in counted]
+def events_that_count(reference: ReferenceMap, counted: Rows) -> list[int]:
+    """Events of each window, of which a pixel gives no more than its limit."""
+    assert reference.limits is not None
+    limits = reference.limits.tolist()
+    return [sum(min(n, most) for n, most in zip(row, limits, strict=True)) for row in counted]
 
 
 def level_of(count: int) -> int:
@@ -92,53 +74,35 @@ def level_of(count: int) -> int:
     return int(((1 + count) ** 512).bit_length()) // 2
 
 
-def running_codes(reference: ReferenceMap, counted: Rows, begin: Begin) -> Rows:
-    """Own-mean codes of windows, each against the mean of those before it."""
-    code, paused = reference.own_mean_code, pauses(counted, begin.mean_activity)
+LEVELS = [level_of(count) for count in range(1024)]
+
+
+def running_codes(reference: ReferenceMap, counted: Rows, newest: Rows) -> list[Rows]:
+    """Contrast codes of the sums at each window, against the mean of those before it.
+
+    The sums of the last window are given, as a window that is not over may have others.
+    """
+    code, mean_activity, paused = reference.own_mean_code, of_reference(reference).mean_activity, []
     assert code is not None and reference.mean is not None
-    means: Sequence[int] = begin.means or [256 * mean for mean in reference.mean.tolist()]
-    moves, coded = begin.moves, []
-    for levels, pause in zip(levels_of(reference, counted), paused, strict=True):
-        differences = differences_of(levels, means)
-        shared = window_mean(differences) if code.contrast else 0
-        coded.append([own_mean_code(one - shared, code.bits) for one in differences])
-        if not pause:
-            means, moves = means_after(means, levels, mean_shift(moves)), moves + 1
-    return coded
+    for events in events_that_count(reference, counted):
+        paused.append(is_pause(events, mean_activity))
+        mean_activity = mean_activity_after(mean_activity, events)
+    number, coded = len(newest), []
+    for i, of_sum in enumerate(newest):
+        before = counted[max(len(counted) - SUMS[i], 0) : -1]
+        last = [total - sum(column) for total, *column in zip(of_sum, *before, strict=True)]
+        all_windows = codes_of_sums(
+            [*counted[:-1], last], LEVELS, reference.mean.tolist(), code.bits, paused, number
+        )
+        coded.append([one[i] for one in all_windows])
+    return [list(of_window) for of_window in zip(*coded, strict=True)]
 
 
-def drive_of(
-    reference: ReferenceMap, coded: Rows, events: list[int], begin: Begin | None = None
-) -> Drive:
+def drive_of(reference: ReferenceMap, coded: Sequence[Rows], events: list[int]) -> list[Window]:
     """Match windows by the filter, without odometry."""
-    settings, places = reference.settings, reference.places.counts.tolist()
-    begin = begin or begin_of(reference)
-    return Drive(
-        costs_of(TransitionCosts.of(settings)), zone_of(settings),
-        [[distance(place, code) for place in places] for code in coded],
-        events, begin.mean_activity, place_activities(reference),
-        per_window=settings.places_per_window,
-        jumps=[] if reference.jumps is None else reference.jumps.tolist(), begin=begin.filter,
-    )  # fmt: skip
-
-
-def filtered(
-    reference: ReferenceMap, coded: Rows, events: list[int], begin: Begin
-) -> list[tuple[int, int, int, int, int, int]]:
-    """Place, metric, second, its metric, ties and trust after each window."""
-    return list(map(row_of_match, drive_of(reference, coded, events, begin).live()))
-
-
-def smoothed(
-    reference: ReferenceMap, coded: Rows, events: list[int]
-) -> list[tuple[int, int, int, int, int, int]]:
-    """The same of each window by all those before and after it."""
-    begin = begin_of(reference)
-    drives = [
-        drive_of(reference, coded, events, replace(begin, mean_activity=start))
-        for start in possible_starts(events, begin.mean_activity)
-    ]
-    return list(map(row_of_match, likelier(drives).smoothed()))
+    places = reference.places.counts.tolist()
+    distances = [[[distance(place, code) for place in places] for code in sums] for sums in coded]
+    return windows_of(of_reference(reference), distances, events)
 
 
 def row_of_match(match: DriveMatch) -> tuple[int, int, int, int, int, int]:

@@ -395,6 +395,7 @@ def map_arrays(reference: MapRecord) -> Arrays:
         pixel_x=reference.pixel_map.x,
         pixel_y=reference.pixel_map.y,
         mean=reference.mean,
+        limits=reference.limits,
         jumps=reference.jumps,
     )
     if reference.confidence is not None:
@@ -425,6 +426,7 @@ def searched_map(arrays: Arrays, meta: Mapping[str, Any]) -> MapRecord:
         saliency=figures,
         hot=np.broadcast_to(np.False_, figures.shape),
         mean=arrays.get("mean"),
+        limits=arrays.get("limits"),
         confidence=Confidence.from_arrays(arrays),
         jumps=arrays.get("jumps"),
         odometer_mm=arrays.get("odometer_mm"),

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from filter_oracle import costs_of
+from filter_oracle import activities, drive_map, mean_activity_of, row_of_match
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from streams import descriptors
@@ -20,30 +20,37 @@ from edge_vpr.descriptors.windows import (
     log_activity,
     place_activity,
 )
-from edge_vpr.errors import UsageError
+from edge_vpr.errors import MapError, UsageError
 from edge_vpr.matching import drive as filtered_drive
 from edge_vpr.matching.drive import match_descriptors
-from edge_vpr.matching.place_filter import PlaceFilter
-from edge_vpr.matching.prediction import METRIC_TOP, TransitionCosts, Transitions
+from edge_vpr.matching.place_filter import PATIENCE, PlaceFilter, WindowRows
+from edge_vpr.matching.prediction import TransitionCosts, Transitions
+from edge_vpr.matching.smoothing import BackwardPass
 from edge_vpr.route import MOST_MM, Odometry
 from edge_vpr.settings import PRESETS, Settings
 from firmware_model import specification
 from firmware_model.specification import distance, ilog
 from firmware_model.specification_drive import (
-    Drive,
-    likelier,
-    possible_starts,
+    PATIENCE_SMOOTHED,
+    anchored,
+    live_matches,
+    misfit_of,
     running_misfits,
+    smoothed,
+    smoothed_matches,
     smoothed_misfits,
+    spacing_of,
     typical_distances,
+    windows_of,
 )
-from fixedpoint.activity import COSTS_BY_ACTIVITY, EVENTS_TOP, LOG_TOP, activity_costs
+from fixedpoint.activity import BANK_COSTS, EVENTS_TOP, LOG_TOP, bank_costs
 
 costs = st.builds(
     TransitionCosts,
-    restart=st.integers(1, 40),
+    restart=st.integers(1, 30),
     places_per_window=st.sampled_from([1, 2]),
     by_activity=st.booleans(),
+    gains=st.sampled_from([1, 7]),
 )
 #: with these, a path is followed at the pace of the reference, whatever the activity
 STEADY = TransitionCosts(by_activity=False)
@@ -66,7 +73,7 @@ def test_metrics_matches_and_trust_equal_the_oracle(
     seed, places, windows, largest, steps, exclusion, mean_activity, jumps, spacing
 ):
     rng = np.random.default_rng(seed)
-    distances = rng.integers(0, largest + 1, (windows, places))
+    distances = rng.integers(0, largest + 1, (windows, 3, places))
     events = rng.choice(EVENTS, windows)
     pairs = random_jumps(rng, places, jumps)
     along, driven = random_distances(rng, places, windows, spacing)
@@ -74,37 +81,47 @@ def test_metrics_matches_and_trust_equal_the_oracle(
     typical = rng.integers(-largest, largest + 1, places)
     transitions = Transitions(places, steps, seen, pairs, along, typical, exclusion)
     found = PlaceFilter(transitions, mean_activity)
-    along_of = [] if along is None else along.tolist()
-    # before the first window, there is no place to go on from
-    page = Drive(
-        costs_of(steps), exclusion, distances.tolist(), events.tolist(), mean_activity,
-        seen.tolist(), per_window=steps.places_per_window, jumps=pairs.tolist(), along=along_of,
-        driven=[None, *driven[1:]],
+    page = drive_map(
+        steps, seen.tolist(), typical.tolist(), mean_activity, exclusion,
+        [] if along is None else along.tolist(), pairs.tolist(),
     )  # fmt: skip
-    counted_mm = [driven[0], *page.driven[1:]]
-    matches = page.live()
-    misfits = running_misfits(page.misfits([m.place for m in matches], typical.tolist()))
+    distances = distances[:, : found.sums]
+    # before the first window, there is no place to go on from
+    driven = [None, *driven[1:]]
+    rows = windows_of(page, distances.tolist(), events.tolist(), driven)
+    matches, misfits = live_matches(rows), running_misfits(misfits_of(rows, typical))
+    counted_mm = anchored(driven, spacing_of(page.along)) if page.along else driven
+    hypotheses = len(page.filter.gains)
     for w, (row, count, expected) in enumerate(zip(distances, events, matches, strict=True)):
         if driven[w] is not None:
             found.predict_travelled(counted_mm[w], driven[w])
         match = found.update(row, int(count))
-        assert found.state.metric.tolist() == page.metrics[w]
-        assert (match.place, match.second, match.trust) == (
-            expected.place, -1 if expected.second is None else expected.second, expected.trust,
-        )  # fmt: skip
-        assert (match.ties, match.misfit) == (expected.ties, misfits[w])
-        assert max(page.metrics[w]) <= METRIC_TOP
+        assert found.state.metric[:, :hypotheses].T.tolist() == rows[w].metrics
+        assert found.place == rows[w].advanced.best.place
+        told = match.place, match.metric, match.second, match.second_metric, match.ties
+        assert (*told, match.trust) == row_of_match(expected)
+        assert match.misfit == misfits[w]
+
+
+def misfits_of(rows, typical, found=None):
+    """Misfit of each window at its best place, of the window or of the whole drive."""
+    found = found or [row.advanced.best for row in rows]
+    return [
+        misfit_of(row, one.gain, one.place, int(typical[one.place]))
+        for row, one in zip(rows, found, strict=True)
+    ]
 
 
 def test_after_a_spread_above_2_to_16_a_window_is_scaled_by_its_own():
     distances = np.array([[0, 10**6, 0, 0], [9, 5, 40, 7], [9, 5, 40, 7]])
     found = PlaceFilter(Transitions(4, TransitionCosts()))
-    page = Drive(costs_of(TransitionCosts()), 3, distances.tolist(), [50] * 3, 0, [0] * 4)
-    for row, metric, expected in zip(distances, page.metrics, page.live(), strict=True):
+    page = drive_map(TransitionCosts(), [0] * 4, [0] * 4, 0, 3)
+    rows = windows_of(page, [[row] for row in distances.tolist()], [50] * 3)
+    for row, one, expected in zip(distances, rows, live_matches(rows), strict=True):
         match = found.update(row, 50)
-        assert found.state.metric.tolist() == metric
+        assert found.state.metric[:, :1].T.tolist() == one.metrics
         assert (match.place, match.trust) == (expected.place, expected.trust)
-    assert len(set(page.metrics[1])) > 1  # evidence counted, though the window before had none
+    assert len(set(rows[1].metrics[0])) > 1  # evidence counted, though the window before had none
 
 
 @given(
@@ -140,32 +157,76 @@ def test_a_drive_has_the_cost_of_the_best_path_through_each_place(
     found = match_descriptors(
         mapped, counted, chosen, jumps=pairs, along_mm=along, odometry=odometry
     )
-    number = steps.places_per_window
-    mean_activity = activity_of_drive(mapped.selected_events[::number])
-    starts = possible_starts(events.tolist(), mean_activity)
-    page = likelier([
-        Drive(
-            costs_of(steps), number,
-            [[distance(p, q) for p in reference.tolist()] for q in queries.tolist()],
-            events.tolist(), start, place_activity(mapped.selected_events, number).tolist(),
-            per_window=number, jumps=pairs.tolist(),
-            along=[] if along is None else along.tolist(), driven=driven,
-        )
-        for start in (starts if smooth else starts[:1])
-    ])  # fmt: skip
-    expected = page.smoothed() if smooth else page.live()
+    number, selected = steps.places_per_window, mapped.selected_events.tolist()
+    mean_activity = mean_activity_of(selected, number)
+    typical = typical_distances(reference.tolist())
+    one_gain = replace(steps, gains=1)  # of counts
+    page = drive_map(
+        one_gain, activities(selected, mean_activity), typical, mean_activity, number,
+        [] if along is None else along.tolist(), pairs.tolist(),
+    )  # fmt: skip
+    rows = windows_of(
+        page,
+        [[[distance(p, q) for p in reference.tolist()]] for q in queries.tolist()],
+        events.tolist(), driven, patience=PATIENCE_SMOOTHED if smooth else PATIENCE,
+    )  # fmt: skip
+    expected = smoothed_matches(page, rows) if smooth else live_matches(rows)
+    best = [one for one, _ in smoothed(page, rows)] if smooth else None
+    whole = [costs for _, costs in smoothed(page, rows)] if smooth else [r.metrics for r in rows]
     for w, match in enumerate(expected):
         second = -1 if match.second is None else match.second
         assert (found.place[w], found.second[w], found.ties[w]) == (
             match.place, second, match.ties,
         )  # fmt: skip
         assert (found.distance_sum[w], found.trust[w]) == (match.sum, match.trust)
-        metric = page.whole(w) if smooth else page.metrics[w]
+        (metric,) = whole[w]
         nearest = sorted(range(places), key=lambda k: (metric[k], k))
         assert found.candidates[w][: min(places, 25)].tolist() == nearest[:25]
     misfits = smoothed_misfits if smooth else running_misfits
-    of_windows = page.misfits(found.place.tolist(), typical_distances(reference.tolist()))
-    assert found.misfit.tolist() == misfits(of_windows)
+    assert found.misfit.tolist() == misfits(misfits_of(rows, typical, best))
+
+
+@given(
+    seed=st.integers(0, 2**32),
+    places=st.integers(1, 20),
+    windows=st.integers(1, 12),
+    steps=costs,
+    jumps=st.integers(0, 3),
+    spacing=st.sampled_from([0, 7, 1_000]),
+)
+@settings(max_examples=60)
+def test_the_cost_of_whole_paths_over_gains_equals_the_oracle(
+    seed, places, windows, steps, jumps, spacing
+):
+    rng = np.random.default_rng(seed)
+    pairs = random_jumps(rng, places, jumps)
+    along, driven = random_distances(rng, places, windows, spacing)
+    seen, typical = rng.integers(-60, 60, places).astype(np.int32), rng.integers(-40, 40, places)
+    events, driven = rng.choice(EVENTS, windows), [None, *driven[1:]]
+    found = PlaceFilter(
+        Transitions(places, steps, seen, pairs, along, typical, 2), 256 * 100, PATIENCE_SMOOTHED
+    )
+    distances = rng.integers(0, 60, (windows, 3, places))[:, : found.sums]
+    page = drive_map(
+        steps, seen.tolist(), typical.tolist(), 256 * 100, 2,
+        [] if along is None else along.tolist(), pairs.tolist(),
+    )  # fmt: skip
+    rows = windows_of(page, distances.tolist(), events.tolist(), driven, patience=PATIENCE_SMOOTHED)
+    counted_mm = anchored(driven, spacing_of(page.along)) if page.along else driven
+    done = []
+    for w, row in enumerate(distances):
+        if driven[w] is not None:
+            found.predict_travelled(counted_mm[w], driven[w])
+        done.append(found.update_windows(row[None], events[w : w + 1].astype(np.int64)))
+    results = WindowRows(*(np.concatenate(column) for column in zip(*done, strict=True)))
+    residual = np.empty(windows, dtype=np.int64)
+    BackwardPass(found.transitions).add_to(results, counted_mm, residual)
+    for w, (one, costs_of_paths) in enumerate(smoothed(page, rows)):
+        assert results.best[w].tolist() == [one.place, one.gain]
+        assert results.columns[w, 0] == one.told
+        assert residual[w] == rows[w].evidence(one.gain)[one.place]
+        least = [min(column) for column in zip(*costs_of_paths, strict=True)]
+        assert results.least[w].tolist() == least
 
 
 def readings(travelled):
@@ -291,7 +352,7 @@ def test_a_path_along_places_that_do_not_fit_is_not_trusted():
     distances = drive_through(60, list(range(10, 30)), np.random.default_rng(5))
     distances[15:] = 20
     distances[15:, 45:50] = 20 - 12 * np.eye(5, dtype=np.int64)
-    found = PlaceFilter(Transitions(60, replace(STEADY, restart=60)))
+    found = PlaceFilter(Transitions(60, replace(STEADY, restart=30)))
     matches = [found.update(row, 1) for row in distances]
     assert [match.place for match in matches[:16]] == list(range(10, 26))
     before, past = matches[14], matches[15]
@@ -306,7 +367,7 @@ def test_a_large_margin_is_not_remembered_for_long():
         distances = np.full((9, 40), contrast)
         distances[np.arange(9), np.arange(9)] = 0
         distances[6:] = contrast  # nothing is seen any more
-        found = PlaceFilter(Transitions(40, replace(STEADY, restart=250)))
+        found = PlaceFilter(Transitions(40, replace(STEADY, restart=30)))
         falls.append([found.update(row, 1).trust for row in distances])
     assert falls[0] == falls[1] and falls[0][5] > 200
 
@@ -331,8 +392,9 @@ def test_a_stop_of_hours_without_an_event_does_not_move_the_match():
     for row in drive_through(50, list(range(10)), np.random.default_rng(3)):
         found.update(row, 160)
     hours = np.zeros((30_000, 50), dtype=np.int64)
-    rows = found.update_windows(hours, np.zeros(30_000, dtype=np.int64))
-    assert set(rows.columns[:, 0].tolist()) == {9} and found.numbers[1] == 0
+    rows = found.update_windows(hours[:, None], np.zeros(30_000, dtype=np.int64))
+    assert set(rows.columns[:, 0].tolist()) == {9}
+    assert found.state.numbers[0].mean_activity == 0
 
 
 def test_a_slower_drive_is_followed_where_all_places_look_alike():
@@ -340,7 +402,7 @@ def test_a_slower_drive_is_followed_where_all_places_look_alike():
     distances = np.full((7, 50), 9)
     distances[0] += 30 * (np.arange(50) != 4)
     found = PlaceFilter(Transitions(50, TransitionCosts()), mean_activity=256 * 160)
-    rows = found.update_windows(distances, np.array([160, 160, 160, 40, 30, 40, 160]))
+    rows = found.update_windows(distances[:, None], np.array([160, 160, 160, 40, 30, 40, 160]))
     assert rows.columns[:, 0].tolist() == [4, 5, 6, 6, 6, 6, 7]
 
 
@@ -354,7 +416,9 @@ def test_a_place_of_few_events_is_left_as_fast_with_few():
     distances[0] += 30 * (np.arange(50) != 0)
     transitions = Transitions(50, TransitionCosts(), place_activity(seen))
     found = PlaceFilter(transitions, mean_activity=256 * 160)
-    assert found.update_windows(distances, queries).columns[:, 0].tolist() == list(range(30))
+    assert found.update_windows(distances[:, None], queries).columns[:, 0].tolist() == list(
+        range(30)
+    )
 
 
 @given(st.integers(0, 2**23 - 1) | st.integers(0, 400), st.integers(0, 256 * (2**23 - 1)))
@@ -375,9 +439,9 @@ def test_the_activity_of_a_place_is_a_byte(events):
     assert place_activity(twice, 2)[::2].tolist() == expected
 
 
-@pytest.mark.parametrize("number", COSTS_BY_ACTIVITY)
+@pytest.mark.parametrize("number", BANK_COSTS)
 def test_the_costs_by_activity_are_those_of_their_formula(number):
-    assert activity_costs(number).tolist() == [list(row) for row in COSTS_BY_ACTIVITY[number]]
+    assert bank_costs(number).tolist() == [list(row) for row in BANK_COSTS[number]]
 
 
 def test_a_pause_has_less_than_an_eighth_of_the_usual_events():
@@ -392,12 +456,12 @@ def test_the_mean_outlasts_a_stop_of_minutes_and_yet_follows_a_drive_in_the_dark
 
 
 def test_a_restart_that_does_not_fit_is_refused():
-    with pytest.raises(UsageError, match="expected 0 to 254"):
-        TransitionCosts(restart=255)
+    with pytest.raises(UsageError, match="expected 0 to 30"):
+        TransitionCosts(restart=31)
 
 
 def test_distances_must_be_one_a_place_and_whole():
-    with pytest.raises(UsageError, match="3 distances to 4 places"):
+    with pytest.raises(UsageError, match="expected 1 sums of windows to 4 places"):
         PlaceFilter(Transitions(4, TransitionCosts())).update(np.zeros(3, dtype=np.int64), 1)
     with pytest.raises(UsageError, match="distances are float64: give whole numbers"):
         PlaceFilter(Transitions(3, TransitionCosts())).update(np.array([0.1, 0.5, 0.2]), 1)
@@ -407,35 +471,44 @@ def test_distances_must_be_one_a_place_and_whole():
         Transitions(2, TransitionCosts(), place_activity=np.array([0, 128], dtype=np.int32))
 
 
-def test_costs_follow_the_kind_of_window():
-    assert TransitionCosts.of(Settings()).by_step.shape == (4, 17)
-    assert TransitionCosts.of(Settings(window="count")).by_step.tolist() == [[4], [0], [0], [4]]
+def test_costs_follow_the_kind_of_window_and_the_gains():
     half = Settings(matching="filter", places_per_window=2)
-    assert TransitionCosts.of(half).by_step.shape == (7, 17)
-    by_count = TransitionCosts.of(replace(half, window="count"))
-    assert by_count.by_step.ravel().tolist() == [4, 0, 0, 0, 0, 4]
+    by_count = TransitionCosts.of(replace(half, window="count")).by_step
+    assert by_count.T.tolist() == [[4, 0, 0, 0, 0, 4]] * by_count.shape[1]
+    # neighbours: the hypothesis of half an octave more has the row below
+    for number, gains in ((1, 1), (2, 7)):
+        rows = TransitionCosts(places_per_window=number, gains=gains).by_step.T.tolist()
+        table = [list(row) for row in BANK_COSTS[number]]
+        first = rows.index(table[-2]) - 1
+        assert rows[first : first + 19] == table[::-1]
 
 
 @given(seed=st.integers(0, 2**32), places=st.integers(1, 30), queries=st.integers(1, 10))
 def test_matches_of_a_traverse_are_those_of_the_oracle(seed, places, queries):
     rng = np.random.default_rng(seed)
-    reference, query = rng.integers(0, 8, (places, 6)), rng.integers(0, 8, (queries, 6))
+    reference, query = rng.integers(0, 8, (places, 6)), rng.integers(0, 8, (3, queries, 6))
     chosen = replace(PRESETS["default"], smooth=False)
-    found = match_descriptors(descriptors(reference), descriptors(query), chosen)
-    events = reference.sum(axis=1)
-    page = Drive(
-        costs_of(TransitionCosts()), 3,
-        [[distance(p, q) for p in reference.tolist()] for q in query.tolist()],
-        query.sum(axis=1).tolist(), 256 * int(reference.sum()) // places,
-        place_activity(events).tolist(),
-    )  # fmt: skip
-    expected = page.live()
+    described = replace(descriptors(query[0]), summed=query[1:].swapaxes(0, 1).astype(np.uint8))
+    found = match_descriptors(descriptors(reference), described, chosen)
+    events, typical = reference.sum(axis=1).tolist(), typical_distances(reference.tolist())
+    mean_activity = mean_activity_of(events)
+    page = drive_map(
+        TransitionCosts(gains=7), activities(events, mean_activity), typical, mean_activity, 3
+    )
+    distances = [
+        [[distance(p, q) for p in reference.tolist()] for q in of_sums]
+        for of_sums in query.swapaxes(0, 1).tolist()
+    ]
+    rows = windows_of(page, distances, query[0].sum(axis=1).tolist())
+    expected = live_matches(rows)
     assert found.place.tolist() == [match.place for match in expected]
     assert found.distance_sum.tolist() == [match.sum for match in expected]
     assert found.trust.tolist() == [match.trust for match in expected]
-    of_windows = page.misfits(found.place.tolist(), typical_distances(reference.tolist()))
-    assert found.misfit.tolist() == running_misfits(of_windows)
+    assert found.misfit.tolist() == running_misfits(misfits_of(rows, typical))
     assert found.query.tolist() == list(range(queries))
-    for i, metric in enumerate(page.metrics):
-        nearest = sorted(range(places), key=lambda k: (metric[k], k))[:25]
+    for i, row in enumerate(rows):
+        least = [min(column) for column in zip(*row.metrics, strict=True)]
+        nearest = sorted(range(places), key=lambda k: (least[k], k))[:25]
         assert found.candidates[i][found.candidates[i] >= 0].tolist() == nearest
+    with pytest.raises(MapError, match="gains = 7 needs those of sums too"):
+        match_descriptors(descriptors(reference), descriptors(query[0]), chosen)

@@ -7,7 +7,7 @@ from dataclasses import replace
 import naive
 import numpy as np
 import pytest
-from filter_oracle import begin_of, drive_of, row_of_match, running_codes
+from filter_oracle import drive_of, events_that_count, row_of_match, running_codes
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numba import config
@@ -23,7 +23,13 @@ from edge_vpr.online.schedule import MatchSchedule
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.route import Odometry
 from edge_vpr.settings import Settings
-from firmware_model.specification_drive import running_misfits, typical_distances
+from firmware_model.specification_drive import (
+    live_matches,
+    misfit_of,
+    running_misfits,
+    typical_distances,
+)
+from fixedpoint.activity import SUMS
 
 #: in plain Python, which takes a hundred times as long, the same properties with fewer draws
 EXAMPLES = 10 if config.DISABLE_JIT else 40
@@ -55,12 +61,19 @@ def oracle_after_each_event(reference, events):
         # windows that are over: an event at the end of a window is in the next one
         spans = [[e for e in selected if e[0] // tau == w] for w in range(t // tau)]
         counted = [naive.lagged_counts(span, 0, 1, counters, 0, 10**9)[0] for span in spans]
-        counted.append(naive.lagged_counts(selected, t + 1, 1, counters, tau, 0)[0])
-        coded = running_codes(reference, counted, begin_of(reference))
-        drive = drive_of(reference, coded, list(map(sum, counted)))
-        expected = drive.live()
-        of_windows = drive.misfits([one.place for one in expected], typical_distances(places))
-        *match, trust = row_of_match(expected[-1])
+        lags = naive.lagged_counts(selected, t + 1, SUMS[-1], counters, tau, 0)
+        number = len(SUMS) if chosen.hypotheses > 1 else 1
+        sums = [list(map(sum, zip(*lags[:windows], strict=True))) for windows in SUMS[:number]]
+        counted.append(sums[0])
+        coded = running_codes(reference, counted, sums)
+        drive = drive_of(reference, coded, events_that_count(reference, counted))
+        typical = typical_distances(places)
+        of_windows = [
+            misfit_of(window, one.gain, one.place, typical[one.place])
+            for window in drive
+            for one in [window.advanced.best]
+        ]
+        *match, trust = row_of_match(live_matches(drive)[-1])
         misfit = running_misfits(of_windows)[-1]
         rows.append((t, *match, sum(counted[-1]), trust, misfit))
     return rows
