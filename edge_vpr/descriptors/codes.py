@@ -12,7 +12,7 @@ from dataclasses import replace
 import numpy as np
 import numpy.typing as npt
 
-from edge_vpr.descriptors.windows import Descriptors, find_pauses, possible_starts
+from edge_vpr.descriptors.windows import Descriptors, find_pauses, narrow, possible_starts
 from edge_vpr.errors import MapError
 from edge_vpr.settings import Settings
 from fixedpoint.activity import SUMS
@@ -140,7 +140,7 @@ def encode_own(
     """
     coded = []
     for windows in SUMS[: len(SUMS) if gains > 1 else 1]:
-        some = replace(counted, counts=newest(counted.counts, windows))
+        some = replace(counted, counts=narrow(newest(counted.counts, windows)))
         coded.append(code.encode(some.counts, drive_mean(some, code, mean_activity)))
     return _replaced(counted, coded)
 

@@ -179,12 +179,12 @@ class WindowRows(NamedTuple):
 
     def part(self, first: int, last: int) -> WindowRows:
         """Return the rows of the windows from `first` to before `last`, in the same memory."""
-        return WindowRows(*(column[first:last] for column in self))
+        return WindowRows(*(column[first:last] for column in self))  # type: ignore[arg-type]
 
     def take(self, others: WindowRows) -> None:
         """Copy the rows of as many other windows."""
-        for mine, theirs in zip(self, others, strict=True):
-            mine[:] = theirs
+        for name, mine in self._asdict().items():
+            mine[:] = getattr(others, name)
 
 
 # One window.

@@ -209,7 +209,7 @@ def test_a_loop_that_closes_is_driven_on_over_a_jump():
     counts = rng.integers(0, 40, (30, len(PIXELS)))
     path = [*range(20, 30), *range(6)]
     queries = counts[path] + rng.integers(-9, 10, (len(path), len(PIXELS)))
-    settings = Settings(pixels=len(PIXELS), matching="filter", filter_restart=200)
+    settings = Settings(pixels=len(PIXELS), matching="filter", filter_restart=30)
     places, seen = descriptors(counts), descriptors(np.maximum(queries, 0))
     jumps = np.array([[29, 0]], dtype=np.int32)
     joined = match_descriptors(places, seen, settings, jumps=jumps)

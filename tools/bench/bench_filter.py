@@ -12,11 +12,12 @@ from edge_vpr.descriptors.windows import Descriptors
 from edge_vpr.matching.distances import distance_matrix
 from edge_vpr.matching.drive import match_descriptors
 from edge_vpr.settings import PRESETS, Settings
-from fixedpoint.activity import ACTIVITY_COSTS, SAME_ROW
+from fixedpoint.activity import BANK_COSTS, SAME_ROW
 
 PLACES, WINDOWS, J = 641, 724, 150
 SMOOTHED = PRESETS["default"]
 FILTER = replace(SMOOTHED, smooth=False)
+ONE_GAIN = replace(FILTER, gains=1)
 SEQUENCES = replace(FILTER, matching="sequence")
 
 
@@ -27,7 +28,9 @@ def drive(windows, seed):
     start = np.arange(windows, dtype=np.int64) * 1_000_000
     events = np.full(windows, 1_000, dtype=np.int64)
     codes = (np.abs(steps) % 8).astype(np.uint8)
-    return Descriptors(codes, start, start + 1_000_000, events, selected=events)
+    # the sums of a robot at the map's speed have much the same codes
+    summed = np.stack([codes, codes], axis=1)
+    return Descriptors(codes, start, start + 1_000_000, events, events, summed)
 
 
 def ours(settings: Settings):
@@ -38,7 +41,7 @@ def ours(settings: Settings):
 def by_numpy():
     """Take the filter's formulas (docs/place_filter.md) as array operations, a window at a time."""
     places, queries = drive(PLACES, 1).counts, drive(WINDOWS, 2).counts
-    costs = ACTIVITY_COSTS[SAME_ROW]  # all windows of these drives have as many events
+    costs = BANK_COSTS[1][SAME_ROW]  # all windows of these drives have as many events
 
     def run():
         distances = distance_matrix(places, queries).T.astype(np.int64)
@@ -68,6 +71,7 @@ def distances_alone():
     ("library", "run", "same_places", "how"),
     [
         (OURS, ours(FILTER), True, {}),
+        ("edge-vpr, one gain", ours(ONE_GAIN), False, {}),
         ("NumPy, places alone", by_numpy(), True, {"rounds": 5}),
         ("edge-vpr, smoothed", ours(SMOOTHED), False, {}),
         ("edge-vpr, sequences of 5", ours(SEQUENCES), False, {}),

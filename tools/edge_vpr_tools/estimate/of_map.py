@@ -7,6 +7,8 @@ from typing import Any
 import numpy as np
 
 from edge_vpr.descriptors.windows import place_activity
+from edge_vpr.matching.distances import typical_distances
+from edge_vpr.matching.prediction import bias_of
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.settings import Settings
 from firmware_model.design import Design, DeviceCode
@@ -64,6 +66,7 @@ def design_by(settings: Settings, **others: Any) -> Design:
         "tau_us": settings.tau_us,
         "matching": settings.matching,
         "places_per_window": settings.window_parts if filters else 1,
+        "gains": 1,  # of a computer alone: several
         "restart": settings.filter_restart,
         "exclusion": settings.exclusion_places,
     }
@@ -81,6 +84,8 @@ def memories_of(reference: ReferenceMap, design: Design) -> Memories:
         mean=None if reference.mean is None else reference.mean.tolist(),
         activity=reference.mean_activity if design.pauses else 0,
         place_activity=of_places.tolist() if design.filters else None,
+        limits=None if reference.limits is None else reference.limits.tolist(),
+        place_bias=bias_of(typical_distances(places)).tolist() if design.filters else None,
     )
 
 

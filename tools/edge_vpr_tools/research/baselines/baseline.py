@@ -170,6 +170,8 @@ def filter_distances(
 ) -> Matches:
     """Match by the place filter over a matrix of distances, with its shipped probabilities.
 
+    It has one gain, since there are no distances of sums of windows.
+
     Parameters
     ----------
     distances : ndarray of float, shape (K, Q)
@@ -181,6 +183,7 @@ def filter_distances(
     settings : Settings
         Of the filter, `precision` among them.
     """
+    settings = settings.replaced({"gains": 1}, "distances")
     given = _GivenDistances(_whole(distances, _FILTER_BITS))
     # the only counter of a window says which column of the matrix it is
     of_places, of_queries = activity

@@ -27,7 +27,7 @@ from edge_vpr.simulation import simulate_pair
 from edge_vpr.simulation.drive import wheel_odometry
 from edge_vpr_tools.report.tables import TableView
 from edge_vpr_tools.research.experiments.calibration import carried_off, without_places
-from edge_vpr_tools.research.experiments.drives import WALKS, second_drive, walks
+from edge_vpr_tools.research.experiments.drives import STREETS, WALKS, second_drive, walks
 from edge_vpr_tools.research.experiments.experiment import Draw, Drives, Experiment, Row
 from edge_vpr_tools.research.experiments.nulls import null_queries
 from edge_vpr_tools.research.experiments.pairs import MappedPair, Pair, TruthOf, truth_of_tracks
@@ -76,7 +76,7 @@ def open_street(seed: int) -> Route:
     meter = wheel_odometry(reference.track, rng)
     queries = []
     for light, name in LIGHTS.items():
-        driven = second_drive(query, name)
+        driven = second_drive(query, STREETS[name])
         near, wide = (
             truth_of_tracks(reference.track, driven.track, metres) for metres in TOLERANCES_M
         )

@@ -23,7 +23,7 @@ from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.settings import PRESETS
 from edge_vpr.simulation import simulate_pair
 from edge_vpr_tools.report.tables import TableView
-from edge_vpr_tools.research.experiments.drives import second_drive
+from edge_vpr_tools.research.experiments.drives import STREETS, second_drive
 from edge_vpr_tools.research.experiments.experiment import Draw, Drives, Experiment, Row
 from edge_vpr_tools.research.experiments.pairs import Pair, Tracks
 from edge_vpr_tools.research.experiments.trust import drives as recorded
@@ -63,7 +63,7 @@ def open_street(seed: int) -> list[Driven]:
     first = reference.keep()
     found = []
     for light, name in LIGHTS.items():
-        driven = second_drive(query, name)
+        driven = second_drive(query, STREETS[name])
         tracks = Tracks(first.track, driven.track)
         found.append(Driven(light, first, driven, tracks, "variance", PIXELS))
     return found

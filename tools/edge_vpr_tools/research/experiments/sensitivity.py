@@ -1,8 +1,7 @@
 """Sensitivity to each constant of the place filter, and accuracy on drives that did not choose it.
 
-Each constant is varied alone, as a multiple of the default, with places at whole windows. A rule
-that the filter does not have is varied too: a limit on the evidence while the running misfit is
-high. Beside each setting stands its accuracy on a query with shuffled pixels, which comes from
+Each constant is varied alone, as a multiple of the default, with places at whole windows. Beside
+each setting stands its accuracy on a query with shuffled pixels, which comes from
 assumptions alone. The last rows leave one pair out: of all settings of the table, the one that is
 best on the other pairs of drives, the streets as one pair, is evaluated on the pair that is left
 out, which chose nothing.
@@ -18,18 +17,10 @@ import numpy as np
 import numpy.typing as npt
 from matplotlib.figure import Figure
 
-from edge_vpr.descriptors.windows import (
-    activity_of,
-    activity_of_drive,
-    is_pause,
-    mean_activity_after,
-    place_activity,
-)
-from edge_vpr.matching.distances import ReferenceIndex, typical_distances
-from edge_vpr.matching.evidence import EVIDENCE_TOP, evidence_of, reciprocal_of_spread, weight_of
-from edge_vpr.matching.prediction import METRIC_TOP, TransitionCosts, Transitions, predict
-from edge_vpr.matching.trust import FIRST_MISFIT, reported_misfit, update_misfit, window_misfit
-from edge_vpr.reference_map import ReferenceMap
+from edge_vpr.matching.distances import ReferenceIndex
+from edge_vpr.matching.drive import filter_drive
+from edge_vpr.matching.filter_match import PLACE
+from edge_vpr.matching.place_filter import PlaceFilter
 from edge_vpr_tools.report.tables import TableView
 from edge_vpr_tools.research.experiments.drives import recorded_drives
 from edge_vpr_tools.research.experiments.experiment import (
@@ -45,14 +36,8 @@ from edge_vpr_tools.research.experiments.nulls import BY_US, null_queries
 from edge_vpr_tools.research.experiments.pairs import MappedPair
 from edge_vpr_tools.research.experiments.place_filter import DEFAULTS, ROBOT, driven, driven_street
 from edge_vpr_tools.research.experiments.plots import lines
-from fixedpoint.activity import PARTS, WEIGHT_BITS
 
-# A filter with other constants than those that are compiled.
-
-
-#: the running misfit from which on evidence is limited, and the least activity of the windows that
-#: it is the mean of, and in which evidence is limited: a robot that stands repeats its misfit
-DOUBT_FROM, DOUBT_ACTIVITY = 16, -PARTS
+# A filter with other constants.
 
 
 @dataclass(frozen=True)
@@ -60,65 +45,22 @@ class Constants:
     """Constants of the filter as multiples of the default."""
 
     restart: float = 1.0  #: Of the cost of a restart.
-    weight: float = 1.0  #: Of the weight of the evidence.
-    cap: float = 1.0  #: Of the largest evidence; at most 1, since evidence has 8 bits.
     steps: float = 1.0  #: Of the costs of steps.
-    #: Of the largest evidence while the running misfit is `DOUBT_FROM` or more; at most 1.
-    doubted: float = 1.0
-
-
-def transitions_of(reference: ReferenceMap, constants: Constants) -> Transitions:
-    """Return the moves along a map, with costs of these constants."""
-    default = TransitionCosts.of(reference.settings)
-    activity = place_activity(reference.places.selected_events)
-    exclusion = reference.settings.exclusion_places
-    found = Transitions(len(reference), default, activity, exclusion=exclusion)
-    table = found.table
-    found.table = table._replace(
-        costs=np.rint(constants.steps * table.costs).astype(np.int16),
-        restart_cost=round(constants.restart * table.restart_cost),
-    )
-    return found
+    typical: float = 1.0  #: Of the part of the typical distance of a place that is subtracted.
 
 
 def match_with(pair: MappedPair, constants: Constants) -> npt.NDArray[np.int64]:
     """Match window by window as on a robot; return the place of each window."""
     coded = pair.coded(DEFAULTS[ROBOT]).reference
-    queries = coded.coded(pair.counted)
-    distances = ReferenceIndex(coded.places.counts).rows(queries.counts)
-    transitions = transitions_of(coded, constants)
-    cap, doubted = (round(of * EVIDENCE_TOP) for of in (constants.cap, constants.doubted))
-    typical, misfit = typical_distances(coded.places.counts), FIRST_MISFIT
-    mean, scale = activity_of_drive(coded.places.selected_events), 0
-    places = np.empty(len(distances), dtype=np.int64)
-    metric = np.zeros(distances.shape[1], dtype=np.int32)
-    unweighted = np.zeros(metric.size, dtype=np.uint8)
-    prediction = np.zeros(metric.size, dtype=np.int16)
-    for i, events in enumerate(queries.selected_events.tolist()):
-        activity = activity_of(events, mean)
-        if i:
-            predict(metric, transitions.table, activity, prediction)
-        pause = is_pause(events, mean)
-        weight = 0.0 if pause else constants.weight * weight_of(activity)
-        if not pause and scale == 0:
-            scale = reciprocal_of_spread(distances[i])
-        evidence_of(distances[i], scale, 1 << WEIGHT_BITS, unweighted)
-        moves = activity >= DOUBT_ACTIVITY
-        doubts = moves and reported_misfit(misfit) >= DOUBT_FROM
-        limited = np.minimum(unweighted, min(cap, doubted) if doubts else cap)
-        weighted = (limited * weight).astype(np.int64) >> WEIGHT_BITS
-        evidence = np.minimum(weighted, EVIDENCE_TOP).astype(np.uint8)
-        metric = np.minimum(prediction + evidence, METRIC_TOP).astype(np.int32)
-        places[i] = place = int(metric.argmin())
-        if moves and not pause:
-            whole = weight_of(activity)
-            against = ((unweighted.astype(np.int64) * whole) >> WEIGHT_BITS).astype(np.uint8)
-            of_window = window_misfit(against, place, typical, scale * whole, 1 << WEIGHT_BITS)
-            misfit = update_misfit(misfit, of_window, scale * whole)
-        if not pause:
-            scale = reciprocal_of_spread(distances[i])
-        mean = mean_activity_after(mean, events)
-    return places
+    queries, index = coded.coded(pair.counted), ReferenceIndex(coded.places.counts)
+    place_filter = PlaceFilter.of(coded.places, coded.settings)
+    table = place_filter.transitions.table
+    place_filter.transitions.table = table._replace(
+        costs=np.rint(constants.steps * table.costs).astype(np.int16),
+        restart_cost=round(constants.restart * table.restart_cost),
+        bias=np.rint(constants.typical * table.bias).astype(np.int64),
+    )
+    return filter_drive(place_filter, index, queries).columns[:, PLACE]
 
 
 # The constants that are varied, and what is chosen by the other drives.
@@ -126,19 +68,15 @@ def match_with(pair: MappedPair, constants: Constants) -> npt.NDArray[np.int64]:
 
 #: multiples of the default by constant
 VARIED: Mapping[str, tuple[float, ...]] = {
-    "restart": (0.25, 0.5, 1.0, 2.0, 4.0),
-    "weight": (0.25, 0.5, 1.0, 2.0, 4.0),
-    "cap": (0.0625, 0.125, 0.25, 0.5, 1.0),
-    "steps": (0.25, 0.5, 1.0, 2.0, 4.0),
-    "doubted": (1 / 64, 1 / 32, 1 / 16, 1.0),
+    "restart": (0.25, 0.5, 1.0, 1.5, 1.75),
+    "steps": (0.25, 0.5, 1.0, 1.5, 2.0),
+    "typical": (0.0, 0.5, 1.0, 1.5, 2.0),
 }
 #: how the constants are shown
 SHOWN = {
     "restart": "cost of a restart",
-    "weight": "weight of evidence",
-    "cap": "largest evidence",
     "steps": "costs of steps",
-    "doubted": "largest evidence at high misfit",
+    "typical": "typical distance that is subtracted",
 }
 CONSTANT, TIMES = "constant", "times the default"
 #: streets of these kinds, of those of `place_filter`

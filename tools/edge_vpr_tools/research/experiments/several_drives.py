@@ -26,7 +26,12 @@ from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.settings import PRESETS, Settings
 from edge_vpr.simulation import simulate_pair
 from edge_vpr_tools.report.tables import TableView
-from edge_vpr_tools.research.experiments.drives import BRISBANE, BRISBANE_M, second_drive
+from edge_vpr_tools.research.experiments.drives import (
+    BRISBANE,
+    BRISBANE_M,
+    STREETS,
+    second_drive,
+)
 from edge_vpr_tools.research.experiments.experiment import Draw, Drives, Experiment, Row
 from edge_vpr_tools.research.experiments.pairs import TOLERANCE_M, MappedPair, truth_of_tracks
 
@@ -67,7 +72,7 @@ def open_street(seed: int) -> Drive:
     reference, query = simulate_pair(FIRST_SEED + seed, length_m=LENGTH_M)
     learnt, queries = (
         {
-            light: Logged(one := second_drive(query, name, offset + i), one.track)
+            light: Logged(one := second_drive(query, STREETS[name], offset + i), one.track)
             for i, (light, name) in enumerate(LIGHTS.items())
         }
         for offset in (1_000, 2_000)
