@@ -12,7 +12,7 @@ from dataclasses import replace
 import numpy as np
 import numpy.typing as npt
 
-from edge_vpr.descriptors.windows import Descriptors, find_pauses, narrow, possible_starts
+from edge_vpr.descriptors.windows import Descriptors, find_pauses, mean_of_query, narrow
 from edge_vpr.errors import MapError
 from edge_vpr.settings import Settings
 from fixedpoint.activity import SUMS
@@ -74,7 +74,7 @@ def drive_mean(
         In units of 1/256 octave.
     """
     events = windows.selected_events
-    paused = find_pauses(events, possible_starts(events, mean_activity)[-1])
+    paused = find_pauses(events, mean_of_query(events, mean_activity))
     moving = windows.counts if paused.all() else windows.counts[~paused]
     return code.mean(moving)
 

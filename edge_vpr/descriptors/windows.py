@@ -363,26 +363,25 @@ def activity_of_drive(events: npt.NDArray[np.integer]) -> int:
     )
 
 
-def possible_starts(events: npt.NDArray[np.integer], mean_activity: int) -> tuple[int, ...]:
-    """Return where the mean number of events of a recorded drive may start.
+def mean_of_query(events: npt.NDArray[np.integer], mean_activity: int) -> int:
+    """Return where the mean number of events of a whole recorded drive starts.
 
     Other light or another camera shows fewer or more events than the reference at the same speed.
 
     Parameters
     ----------
     events : ndarray of int, shape (n,)
-        At the selected pixels in each window of the drive; n of at least 1.
+        That count in each window of the drive; n of at least 1.
     mean_activity : int
         Of the reference, see `activity_of_drive`.
 
     Returns
     -------
-    tuple of int
-        The mean of the reference, then that of the drive if it is at most half or at least twice.
+    int
+        That of the reference, or that of the drive if it is at most half or at least twice.
     """
     own = activity_of_drive(events)
-    far = 2 * own <= mean_activity or own >= 2 * mean_activity
-    return (mean_activity, own) if far else (mean_activity,)
+    return own if 2 * own <= mean_activity or own >= 2 * mean_activity else mean_activity
 
 
 def find_pauses(events: npt.NDArray[np.integer], mean_activity: int) -> npt.NDArray[np.bool_]:

@@ -12,7 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from streams import descriptors
 
-from edge_vpr.descriptors.codes import encode_own, encode_running
+from edge_vpr.descriptors.codes import counted_events, encode_own, encode_running, limits_of
 from edge_vpr.descriptors.windows import PublishedWindows, find_pauses
 from edge_vpr.reference_map import ReferenceMap
 from firmware_model.specification import (
@@ -22,7 +22,7 @@ from firmware_model.specification import (
     own_mean_code,
     window_mean,
 )
-from firmware_model.specification_drive import possible_starts
+from fixedpoint.activity import SUMS
 from fixedpoint.errors import FixedPointError
 from fixedpoint.own_mean import OwnMeanCode, RunningMean
 
@@ -123,12 +123,17 @@ def test_a_recorded_drive_is_coded_against_its_own_mean(seed, windows, contrast)
     # the reference had as many events, more, or fewer
     code, mean_activity = OwnMeanCode(contrast=contrast), 256 * int(rng.choice([600, 10_000, 20]))
     events = counts.sum(axis=1)
-    paused = find_pauses(events, possible_starts(events.tolist(), mean_activity)[-1])
-    own = encode_own(descriptors(counts), code, mean_activity)
-    levels = [list(map(level_of, row)) for row in counts.tolist()]
-    expected = drive_codes(levels, paused.tolist(), 3, contrast)
-    assert own.counts.tolist() == expected
+    own_mean = 256 * int(events.sum()) // windows
+    far = 2 * own_mean <= mean_activity or own_mean >= 2 * mean_activity
+    paused = find_pauses(events, own_mean if far else mean_activity).tolist()
+    own = encode_own(descriptors(counts), code, mean_activity, 7)
     assert own.selected.tolist() == counts.sum(axis=1).tolist()
+    for number, coded in zip(SUMS, (own.counts, *own.summed.swapaxes(0, 1)), strict=True):
+        sums = [counts[max(w - number + 1, 0) : w + 1].sum(axis=0) for w in range(windows)]
+        levels = [[level_of(min(c, 1023)) for c in row] for row in sums]
+        assert coded.tolist() == drive_codes(levels, paused, 3, contrast)
+    one_gain = encode_own(descriptors(counts), code, mean_activity, 1)
+    assert np.array_equal(one_gain.counts, own.counts) and one_gain.summed is None
 
 
 @given(
@@ -141,13 +146,13 @@ def test_a_robot_codes_each_window_by_what_came_before_it(seed, windows, cut, co
     rng = np.random.default_rng(seed)
     counts = rng.integers(0, 300, (windows, 3))
     mean, code = np.array([500, 900, 0], np.int32), OwnMeanCode(contrast=contrast)
-    found = encode_running(descriptors(counts), code, mean, 0).counts
+    found = encode_running(descriptors(counts), code, mean, 0, 1).counts
     levels = [[level_of(c) for c in column] for column in counts.T.tolist()]
     means = means_before(levels, mean.tolist())
     for row, coded, now in zip(counts.tolist(), found.tolist(), means, strict=False):
         assert coded == codes_of(row, now, 3, contrast)
     # later windows change no earlier code
-    first = encode_running(descriptors(counts[: max(cut, 1)]), code, mean, 0).counts
+    first = encode_running(descriptors(counts[: max(cut, 1)]), code, mean, 0, 1).counts
     assert np.array_equal(first, found[: len(first)])
 
 
@@ -189,3 +194,14 @@ def test_memory_of_a_map_of_windows_grows_by_few_bytes_a_code(tmp_path):
     (few, few_codes), (many, codes) = peak(6_000), peak(18_000)
     assert codes == 18_000 * 150
     assert many - few < 6 * (codes - few_codes)
+
+
+def test_pixels_that_are_hot_or_flicker_do_not_tell_the_speed():
+    """One window in 50 of the reference may have more events at a pixel than count."""
+    counts = np.full((100, 3), 4)
+    counts[:2, 0], counts[:3, 1], counts[7, 2] = 90, 80, 2_000
+    limits = limits_of(counts)
+    assert limits.tolist() == [4, 80, 4]
+    hot = np.array([[4, 4, 4], [4_000, 4, 4], [4, 2_000, 0]])
+    assert counted_events(hot, limits).tolist() == [12, 12, 84]
+    assert limits_of(np.array([[2_000]])).tolist() == [1_023]
