@@ -71,7 +71,7 @@ def events_that_count(reference: ReferenceMap, counted: Rows) -> list[int]:
 
 def level_of(count: int) -> int:
     """``round(256 log2(1 + count))``: 2**(2r - 1) <= (1 + count)**512, in integers."""
-    return int(((1 + count) ** 512).bit_length()) // 2
+    return ((1 + int(count)) ** 512).bit_length() // 2
 
 
 LEVELS = [level_of(count) for count in range(1024)]
