@@ -587,6 +587,8 @@ def test_completion_offers_verbs_flags_and_choices(tmp_path):
     }  # fmt: skip
     assert flags == completions("edge-vpr map --p", tmp_path)
     assert {"variance"} == completions("edge-vpr map --strategy v", tmp_path)
+    assert {"evpr", "evt3", "aer"} <= completions("edge-vpr stream --protocol ", tmp_path)
+    assert {"edvs"} == completions("edge-vpr bridge --protocol ed", tmp_path)
     assert {"verify"} == completions("edge-vpr golden v", tmp_path)
     assert {"--only"} == completions("edge-vpr golden verify --on", tmp_path)
 

@@ -52,14 +52,13 @@ def run(args: argparse.Namespace) -> None:
     from edge_vpr import results
     from edge_vpr.evaluation.track_files import save_track
     from edge_vpr.reference_map import ReferenceMap
-    from edge_vpr.simulation import simulate_pair
-    from edge_vpr_tools.inputs import tracked
+    from edge_vpr_tools.inputs import demo_drives, tracked
     from edge_vpr_tools.report.verdict import outcome_of
 
     output = Path(args.output)
     output.absolute().parent.mkdir(parents=True, exist_ok=True)
     results.check_output_folder(output, args.overwrite)
-    first, second = simulate_pair(0)
+    first, second = demo_drives()
     first.keep(partial(tracked, label="simulating the reference drive"))
     label = "simulating the query drive: other speed, other light, other traffic"
     second.keep(partial(tracked, label=label))
