@@ -11,6 +11,8 @@ from urllib.parse import unquote
 
 #: longest message, in characters: enough for the fault and the remedy, but not for a whole file
 LONGEST_MESSAGE = 1_000
+#: longest name of a file that Linux has, in bytes
+LONGEST_NAME = 255
 
 
 def printable(text: object, longest: int = LONGEST_MESSAGE) -> str:
@@ -175,9 +177,30 @@ def as_path(path: object, what: str) -> Path:
     what : str
         What is expected at the path, for the message.
     """
-    if isinstance(path, str | Path) and "\0" not in str(path):
-        return Path(path)
-    raise UsageError(f"the path of {what} is {kind_of(path)}: give it as text")
+    if not isinstance(path, str | Path) or "\0" in str(path):
+        raise UsageError(f"the path of {what} is {kind_of(path)}: give it as text")
+    for name in Path(path).parts:
+        if (size := len(os.fsencode(name))) > LONGEST_NAME:
+            raise UsageError(
+                f"the path of {what} has a name of {size} bytes, {printable(name, 40)}: expected "
+                f"at most {LONGEST_NAME}"
+            )
+    return Path(path)
+
+
+def number_in(text: str) -> float:
+    """Return the number that a text is.
+
+    `float` also takes ``1_000``, which means another number where ``_`` is a comma or a blank.
+
+    Raises
+    ------
+    ValueError
+        If it is none.
+    """
+    if "_" in text:
+        raise ValueError(f"{printable(text, 40)!r} has a _")
+    return float(text)
 
 
 def did_you_mean(given: str, known: Iterable[str]) -> str:

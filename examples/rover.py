@@ -11,7 +11,7 @@ from edge_vpr import LiveSession
 from edge_vpr.errors import EdgeVprError
 
 FAST, SLOW, STOP = 1.0, 0.2, 0.0  # m/s
-SURE, MOST_MISSING = 0.9, 0.25  # probability, and share of the events lost, of a match to rely on
+PRECISION, MOST_MISSING = 0.99, 0.25  # of the matches to rely on; share of their events lost
 REACH_M = 10.0  # from there on
 MOST_AGE_S = 1.0  # of a match to drive on
 BLIND_M = 30.0  # driven at most between two matches to rely on
@@ -22,7 +22,12 @@ def follow(port: str, protocol: str, map_path: str, goal_m: float, drive: Callab
 
     The program ends if the robot drives too far without knowing where it is.
     """
-    route = {"protocol": protocol, "reference": map_path, "heartbeat": "500ms"}
+    route = {
+        "protocol": protocol,
+        "reference": map_path,
+        "heartbeat": "500ms",
+        "precision": PRECISION,
+    }
     path, until_m = None, 0.0  # of the last match to rely on: its path, and how far to trust it
     speed, since_s, blind_m = STOP, time.monotonic(), 0.0  # blind_m: driven since that match
     try:
@@ -32,11 +37,10 @@ def follow(port: str, protocol: str, map_path: str, goal_m: float, drive: Callab
             for match in session:
                 now_s = time.monotonic()
                 blind_m, since_s = blind_m + speed * (now_s - since_s), now_s
-                confident = match.probability >= SURE and match.missing <= MOST_MISSING
                 # a heartbeat has no place: the camera is silent, and nothing is seen
                 late = match.age_s > MOST_AGE_S  # an age that is not known is NaN
                 seen = match.place >= 0 and not late
-                confident = confident and seen and not match.lost
+                confident = seen and not match.lost and match.missing <= MOST_MISSING
                 if confident:
                     path, until_m = match.jumps, (match.along_m or 0.0) + REACH_M
                     blind_m = 0.0

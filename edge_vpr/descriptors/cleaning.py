@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from edge_vpr.compiling import SharedState, kernel
-from edge_vpr.errors import RecordingError, UsageError, as_path, expect
+from edge_vpr.errors import RecordingError, UsageError, as_path, expect, number_in
 from edge_vpr.events import EVENT_DTYPE, Events, Sensor, check_event_array, join_events
 from edge_vpr.files import open_input
 
@@ -457,7 +457,7 @@ def load_pixels(path: str | Path, sensor: Sensor, what: str) -> npt.NDArray[np.i
 
 
 def _whole(text: str) -> int:
-    number = float(text)
+    number = number_in(text)
     if not number.is_integer():  # infinity too
         raise ValueError(text)
     return int(number)

@@ -13,7 +13,7 @@ from typing import Any, TypeAlias
 import numpy as np
 import numpy.typing as npt
 
-from edge_vpr.errors import EdgeVprWarning, GroundTruthError, UsageError, as_path
+from edge_vpr.errors import EdgeVprWarning, GroundTruthError, UsageError, as_path, number_in
 from edge_vpr.events import TIME_LIMIT_US
 from edge_vpr.files import open_input, replacing
 from edge_vpr.recordings.memory import NamedTable, column_names
@@ -185,7 +185,7 @@ def numbers(
             cell = row[column]
             known = not (unknown and cell.lower() in UNKNOWN)
             try:
-                table[number, at] = float(cell) if known else np.nan
+                table[number, at] = number_in(cell) if known else np.nan
             except ValueError:
                 raise GroundTruthError(
                     f"{path}: row {number + 1} has {cell[:40]!r} in {header[column]}: expected a "

@@ -240,6 +240,8 @@ class Bridge:
         Before the faults.
     dropped_events : int
         Events dropped for lack of space by a device that sends on request only.
+    behind_s : float
+        How much later than at their time events were sent, at most; 0 without a speed.
     """
 
     def __init__(
@@ -261,6 +263,7 @@ class Bridge:
         self._rng = np.random.default_rng(seed)
         self.stopping = threading.Event()
         self.sent_events = self.sent_bytes = self.dropped_events = 0
+        self.behind_s = 0.0
 
     def wait_for_host(self) -> None:
         """Wait until a host has connected and, if the protocol requires it, has sent a request."""
@@ -310,7 +313,12 @@ class Bridge:
                     self._send(self._encoder.idle(now))
                 now = due
                 if self._speed:
-                    self._serve_until(start_s + now / 1e6 / self._speed)
+                    moment_s = start_s + now / 1e6 / self._speed
+                    late_s = time.monotonic() - moment_s
+                    # a stall was asked for
+                    if late_s > max(self.behind_s, self._faults.stall):
+                        self.behind_s = late_s
+                    self._serve_until(moment_s)
                 else:
                     self._serve_until_held(self._encoder.capacity)
                 if not stalled and now >= 1e6 * self._faults.stall_at:

@@ -6,6 +6,7 @@ import math
 import time
 from collections.abc import Callable
 
+from edge_vpr.errors import number_in
 from edge_vpr.live.links import open_link
 from edge_vpr.live.reader import LinkReader
 from edge_vpr.route import MOST_MM
@@ -60,7 +61,7 @@ class OdometerLine:
 
     def _take(self, line: bytes) -> None:
         try:
-            value = float(line.decode("ascii")) if len(line) <= MOST_BYTES else math.nan
+            value = number_in(line.decode("ascii")) if len(line) <= MOST_BYTES else math.nan
         except ValueError:
             value = math.nan
         if abs(value) * 1e3 <= MOST_MM:

@@ -65,7 +65,8 @@ class Localiser:
 
     It holds the counters of the newest L consecutive windows (`SlidingWindows`), and the distances
     of this sequence to all places. An event changes each distance by a few steps of +-1, so that
-    no event needs a complete comparison.
+    no event needs a complete comparison. It is for one thread: another one that calls it meanwhile
+    damages what it holds.
 
     Parameters
     ----------

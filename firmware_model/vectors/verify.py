@@ -70,9 +70,11 @@ def _from_line(line: str, where: str) -> Record:
     if kind == "case":
         return f"case {','.join(values)}", ()
     try:
-        return kind, tuple(NONE if value == "-1" else int(value) for value in values)
+        if "_" not in line:
+            return kind, tuple(NONE if value == "-1" else int(value) for value in values)
     except ValueError:
-        raise _no_record(line, where) from None
+        pass
+    raise _no_record(line, where)
 
 
 def _no_record(line: str, where: str) -> VectorError:

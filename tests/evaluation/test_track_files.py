@@ -446,6 +446,7 @@ def test_dates_of_a_table_in_memory_are_read_to_the_microsecond(zone):
             {"time_s": [0, 1], "x_m": ["here", "there"]},
             "row 1 has 'here' in x_m: expected a number",
         ),
+        ({"time_s": [0, 1], "x_m": ["1_000", "2"]}, "row 1 has '1_000' in x_m: expected a number"),
     ],
 )
 def test_a_table_in_memory_that_is_no_track_is_refused(table, message):

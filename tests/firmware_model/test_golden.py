@@ -420,6 +420,7 @@ def test_the_first_difference_is_pointed_at(vectors):
         ("r.bin", b"\x01\0\0\0\x03\0\0\0", "begins no whole record"),
         ("r.csv", b"evnt,1,2,3\n", "line 1: 'evnt,1,2,3' is no record: begin"),
         ("r.csv", b"case,a/b\nevent,1,x,3\n", "line 2: 'event,1,x,3' is no record: begin"),
+        ("r.csv", b"case,a/b\nevent,1,1_0,3\n", "line 2: 'event,1,1_0,3' is no record: begin"),
         ("r.csv", b"window,place,sum\n0,40,0\n", "lack the kind"),
         ("r.csv", b"case,a/b\nevent,0,0,0\n", "results of a case 'a/b'"),
         ("r.csv", b"event,0,0,0\n", "names no case: .* --case SUITE/NAME"),

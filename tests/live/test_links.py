@@ -13,10 +13,11 @@ import termios
 import threading
 import time
 
+import numpy as np
 import pytest
 
 from edge_vpr.errors import UsageError
-from edge_vpr.events import Sensor
+from edge_vpr.events import Sensor, make_events
 from edge_vpr.live import links
 from edge_vpr.live.bridge import Bridge, open_device_link
 from edge_vpr.live.links import (
@@ -385,6 +386,30 @@ def test_a_bridge_that_nobody_greets_waits_until_its_terminal_has_been_set_up():
     assert not waiting.is_alive()
     host.close()
     device.close()
+
+
+@pytest.mark.parametrize("late_s", [0.0, 0.3])
+def test_a_bridge_says_by_how_much_it_was_late(late_s):
+    """Of 0.2 s of events, by a line that takes none for a while."""
+
+    class Slow(Link):
+        def read(self, timeout):
+            time.sleep(timeout)
+            return b""
+
+        def write(self, data, timeout):
+            nonlocal late_s
+            time.sleep(late_s)
+            late_s = 0.0
+            return len(data)
+
+        def close(self):
+            pass
+
+    expected_s, events = late_s, make_events(np.arange(0, 200_000, 1_000), [1] * 200, [2] * 200)
+    bridge = Bridge(Slow("slow"), open_encoder("evt3", Sensor(4, 4)))
+    bridge.run([events])
+    assert expected_s - 0.1 < bridge.behind_s < expected_s + 0.1
 
 
 class Pipe(Link):

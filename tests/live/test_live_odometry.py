@@ -51,7 +51,7 @@ def test_the_cut_of_the_bytes_changes_no_reading(seed):
 
 
 @pytest.mark.parametrize(
-    "text", [b"x", b"1.0,2.0", b"nan", b"inf", b"1e10", b"\xff\xfe", b"1" * 65, b"0x10"]
+    "text", [b"x", b"1.0,2.0", b"nan", b"inf", b"1e10", b"\xff\xfe", b"1" * 65, b"0x10", b"1_000"]
 )
 def test_a_line_that_is_no_reading_is_counted_and_moves_nothing(text):
     line = OdometerLine()

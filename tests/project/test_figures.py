@@ -17,6 +17,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from firmware_model import Design
+from firmware_model.image import stride
+
 ROOT = Path(__file__).parents[2]
 
 
@@ -342,7 +345,10 @@ SENTENCES: list[tuple[str, str, Callable[[], object]]] = [
     ("README", "`--precision 0.99`, {:.2f} are accepted, and {:.2f} of these lie within 70 m",
      lambda: [*trust("accepted at 0.99", "Brisbane*"),
               *trust("precision by tolerance", "Brisbane*")]),
-    ("README", "a second of the route takes {} bytes, packed", lambda: 2 * int(place_bytes())),
+    ("README", "a second of the route takes {} bytes, packed as on the FPGA, and {} in the C "
+     "firmware",
+     lambda: (2 * int(place_bytes()),
+              2 * stride(Design(width=128, height=128, pixels=150, places=1)))),
     ("README", "a route of 500 s takes {:.0f} KiB, of which {:.0f} KiB are RAM and the rest flash, "
      "and a match takes {:.0f} ms and {:.1f} mJ at 100,000 events per second (modelled)",
      lambda: (modelled("memory (KiB)")[0], modelled("of it RAM (KiB)")[0],
@@ -379,7 +385,8 @@ SENTENCES: list[tuple[str, str, Callable[[], object]]] = [
      "{:.2f}, and live {:.2f}.",
      lambda: [on_brisbane("LENS, sunset2", "sequences of 20", "LENS's 49 pixels"),
               *(on_brisbane(OURS, how, "LENS's 49 pixels") for how in ("sequences of 20", LIVE))]),
-    ("README", "takes {:,.0f} bytes of patch normalisation and {:,.0f} of HOG, and {:.0f} of ours",
+    ("README", "takes {:,.0f} bytes with patch normalisation, {:,.0f} with HOG, and {:.0f} with "
+     "ours",
      lambda: laid_out("bytes per place", LIVE)),
     ("results_methods", "patch normalisation and HOG reach {:.3f} here, ours {:.3f}",
      lambda: list(dict.fromkeys(laid_out("P@100R", SMOOTHED)))),
@@ -401,7 +408,7 @@ SENTENCES: list[tuple[str, str, Callable[[], object]]] = [
      lambda: ends(promised_on_streets() + at_half_windows())),
     ("README", "on the walks and indoors ({:.2f} to {:.2f})",
      lambda: ends(missed("smoothed", CUT))),
-    ("will_it_work", "A place takes {} bytes", place_bytes),
+    ("will_it_work", "A second of the route takes {} bytes packed", lambda: 2 * int(place_bytes())),
     ("will_it_work", "{:.2f}, {:.2f} by car", lambda: live_recorded("Brisbane, 49 px")),
     ("will_it_work", "speed | {:.2f}, {:.2f} on streets", lambda: live_recorded("street, 150 px")),
     ("will_it_work", "pulls away | {:.2f}, {:.2f} on", lambda: live_recorded("*3 stops, 150 px")),

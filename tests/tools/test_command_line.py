@@ -34,7 +34,7 @@ from streams import random_events
 import edge_vpr
 from edge_vpr import errors
 from edge_vpr.archive import archive_kind
-from edge_vpr.errors import EdgeVprError, MissingExtraError, did_you_mean
+from edge_vpr.errors import EdgeVprError, MissingExtraError, UsageError, did_you_mean
 from edge_vpr.events import Sensor, make_events
 from edge_vpr.live.protocols import open_encoder
 from edge_vpr.recordings import open_recording, write_recording
@@ -82,6 +82,8 @@ def refused(capsys, *words):
         ("map a.npz -o b.npz --tau=-1s", "--tau: '-1s': expected a time"),
         ("map a.npz -o b.npz -L -5", "sequence_length = -5: expected 1 or more"),
         ("map a.npz -o b.npz --pixels many", "--pixels: 'many' is not a whole number"),
+        ("map a.npz -o b.npz --pixels 1_0", "--pixels: '1_0' is not a whole number"),
+        ("map a.npz -o b.npz --sigma 1_0", "--sigma: '1_0' is not a number"),
         ("map a.npz -o b.npz --sigma wide", "--sigma: 'wide' is not a number"),
         ("evaluate r --ground-truth t --tolerance nan", "--tolerance nan: give numbers such as"),
         ("map a.npz -o b.npz --sigma nan", "'nan' is not a finite number"),
@@ -507,6 +509,40 @@ def test_names_of_outputs_reach_no_terminal_raw(drive, tmp_path, capsys):
     assert r"r\x9b/report.html" in out and r"[/red]\x1b[0m" in out
 
 
+@pytest.mark.skipif(shutil.which("bash") is None, reason="bash is not installed")
+@pytest.mark.parametrize(
+    "name", [b"a b", b"caf\xe9 'n\\o", b"\xff\n[bold]$(id)", "\u202e".encode()]
+)
+def test_a_name_in_a_command_to_copy_is_that_name_in_a_shell(drive, tmp_path, capsys, name):
+    """Also one that is no UTF-8, or cannot be printed."""
+    folder = tmp_path / os.fsdecode(name)
+    if not (drive / "map.npz").exists():
+        made = ["map", str(drive / "drive.npz"), "-o", str(drive / "map.npz"), *SMALL]
+        assert cli.main(made) == 0
+    words = ["match", str(drive / "map.npz"), str(drive / "drive.npz"), "-o", str(folder)]
+    assert cli.main(words) == 0
+    said = capsys.readouterr().out
+    (word,) = re.findall(r"^see .*: edge-vpr evaluate (.*) --help$", said, re.MULTILINE)
+    assert word.isprintable()
+    shown = subprocess.run(["bash", "-c", f"printf %s {word}"], capture_output=True, check=True)
+    assert shown.stdout == os.fsencode(folder)
+
+
+@pytest.mark.parametrize("words", [["info", "NAME.npz"], ["map", "a.npz", "-o", "NAME.npz"]])
+def test_a_name_that_is_too_long_is_one_line(words, tmp_path, monkeypatch, capsys):
+    """Of 256 bytes, one more than Linux has, which are 128 letters here."""
+    monkeypatch.chdir(tmp_path)
+    name = "\u00e9" * 126
+    code = cli.main([word.replace("NAME", name) for word in words])
+    said = capsys.readouterr().err
+    assert code in (1, 2) and said.count("\n") == 1
+    assert re.search(
+        r"name of 256 bytes, .*: expected at most 255|too long.*name a shorter one", said
+    )
+    with pytest.raises(UsageError, match="a name of 256 bytes"):
+        open_recording(f"{name}.npz")
+
+
 def test_the_hint_to_install_an_extra_works_from_here(monkeypatch):
     """And leaves this checkout installed, not a copy that later changes do not reach."""
     root = str(edge_vpr.__path__[0]).removesuffix("/edge_vpr")
@@ -551,6 +587,8 @@ def test_completion_offers_verbs_flags_and_choices(tmp_path):
     }  # fmt: skip
     assert flags == completions("edge-vpr map --p", tmp_path)
     assert {"variance"} == completions("edge-vpr map --strategy v", tmp_path)
+    assert {"evpr", "evt3", "aer"} <= completions("edge-vpr stream --protocol ", tmp_path)
+    assert {"edvs"} == completions("edge-vpr bridge --protocol ed", tmp_path)
     assert {"verify"} == completions("edge-vpr golden v", tmp_path)
     assert {"--only"} == completions("edge-vpr golden verify --on", tmp_path)
 

@@ -402,6 +402,7 @@ def test_matches_event_by_event_are_evaluated_by_the_same_command(
     tracks = [str(tmp_path / f"{name}.csv") for name in ("reference", "query")]
     folder = tmp_path / "online"
     arguments = ["evaluate", str(folder), "--ground-truth", *tracks, "--tolerance", "2"]
+    arguments += ["--offset", "0", "0"]
     assert main(arguments) == 0
     assert "P@100R" in capsys.readouterr().out
     found = json.loads((folder / "metrics.json").read_text())["evaluation"]
@@ -453,6 +454,7 @@ def test_calibrating_from_copies_of_a_match_is_noted(drive, capsys, tmp_path):
     assert main(["map", str(drive / "reference.npz"), "-o", mapped, *flags]) == 0
     (tmp_path / "track.csv").write_text("time_s,position_m\n0,0\n1,10\n2,20\n3,30\n")
     truth = ["--ground-truth", *[str(tmp_path / "track.csv")] * 2, "--tolerance", "5"]
+    truth += ["--offset", "0", "0"]
     for every in ("window", "50ms"):
         folder = str(tmp_path / every)
         match = ["match", mapped, query, "--no-figures", "--online", "--every", every]
@@ -562,11 +564,24 @@ def test_evaluate_says_what_is_doubtful_and_sets_clocks_right(drive, tmp_path, c
     refused(capsys, *evaluate, "--offset", 0, 5, code=2, says="give two tracks")
 
 
+def test_one_log_for_both_drives_is_refused(drive, tmp_path, capsys):
+    """By name, or a copy of it; with an offset it is one log of both."""
+    results = tmp_path / "results"
+    shutil.copytree(drive / "results", results)
+    log = line_track(tmp_path / "log.csv", 2, 20)
+    shutil.copy(log, tmp_path / "copy.csv")
+    evaluate = ["evaluate", str(results), "--tolerance", "2", "--ground-truth", str(log)]
+    for other in (log, tmp_path / "copy.csv"):
+        refused(capsys, *evaluate, other, code=2, says="both are the same log: name that of")
+    assert main([*evaluate, str(log), "--offset", "0", "0"]) == 0
+
+
 def test_a_damaged_record_of_metrics_is_named(drive, tmp_path, capsys):
     results = tmp_path / "results"
     shutil.copytree(drive / "results", results)
     reference = line_track(tmp_path / "reference.csv", 2, 20)
     evaluate = ["evaluate", results, "--tolerance", "2", "--ground-truth", reference, reference]
+    evaluate += ["--offset", 0, 0]
     for text in ("{", "[1]", "[" * 100_000, '{"queries": NaN}'):
         (results / "metrics.json").write_text(text)
         refused(capsys, *evaluate, code=2, says="metrics.json")
@@ -577,6 +592,7 @@ def test_a_damaged_record_of_a_run_is_named(drive, tmp_path, capsys):
     shutil.copytree(drive / "results", results)
     reference = line_track(tmp_path / "reference.csv", 2, 20)
     evaluate = ["evaluate", results, "--tolerance", "2", "--ground-truth", reference, reference]
+    evaluate += ["--offset", 0, 0]
     for change in (
         {"inputs": [{"path": "a"}]},
         {"inputs": 3},

@@ -61,7 +61,7 @@ def there(drive, monkeypatch):
 
 
 def load(folder, most, **more):
-    inputs = RecordedInputs(read_run(folder))
+    inputs = RecordedInputs(folder, read_run(folder))
     result = MatchResult.load(folder)
     needed = result.queries is None or more.get("all_events")
     recording = inputs.recording("a test", result.reference.camera) if needed else None
@@ -111,7 +111,7 @@ def test_a_film_of_an_evaluated_drive_shows_the_truth(there, tmp_path, name, cap
     truth.write_text("time_s,x_m,y_m\n0,10,20\n3,55,-25\n")  # ever farther from the map's
     words = ["evaluate", str(copy), "--ground-truth", "track.csv", str(truth), "--tolerance", "5"]
     assert main(words) == 0
-    inputs, result = RecordedInputs(read_run(copy)), MatchResult.load(copy)
+    inputs, result = RecordedInputs(copy, read_run(copy)), MatchResult.load(copy)
     recording = (
         inputs.recording("a test", result.reference.camera) if result.queries is None else None
     )
@@ -207,6 +207,20 @@ def test_a_file_that_has_moved_or_changed_is_named(
     assert main(["replay", *map(str, words)]) == 0
 
 
+def test_a_film_is_made_from_any_folder(drive, tmp_path, monkeypatch, capsys):
+    """Recording, odometry and truth lie where they lay when the match was made and judged."""
+    shutil.copytree(drive, tmp_path / "drive")
+    monkeypatch.chdir(tmp_path / "drive")
+    words = ["evaluate", "live", "--ground-truth", "track.csv", "other.csv", "--tolerance", "5"]
+    Path("other.csv").write_text("time_s,x_m,y_m\n0,10,20\n3,41,-10\n")
+    assert main(words) == 0
+    monkeypatch.chdir(tmp_path)
+    for name in ("live", "wheels"):
+        capsys.readouterr()
+        assert main(["replay", f"drive/{name}", "-o", f"{name}.gif", "--frames", "2"]) == 0
+        assert "without the truth" not in capsys.readouterr().err
+
+
 def test_recorded_matches_need_no_other_file(there, tmp_path, monkeypatch):
     shutil.copytree(there / "whole", tmp_path / "whole")
     monkeypatch.chdir(tmp_path)
@@ -233,6 +247,7 @@ def test_a_film_of_the_demo_shows_the_truth(tmp_path, monkeypatch):
     street = partial(simulate_pair, sensor="tiny", length_m=60.0)
     monkeypatch.setattr("edge_vpr.simulation.simulate_pair", street)
     assert main(["demo", "-o", "demo"]) == 0
+    assert main(["replay", "demo", "-o", "all.gif", "--all-events", "--frames", "2"]) == 0
     folder = Path("demo")
     result = MatchResult.load(folder)
     film = replay_of(result, None, None, 10, truth=evaluated_truth(folder))

@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import atexit
 import codecs
+import errno
 import gc
 import importlib
 import io
@@ -24,7 +25,14 @@ from typing import Any, NoReturn
 
 from edge_vpr import __version__
 from edge_vpr.compile_report import COMPILE_ALL
-from edge_vpr.errors import EdgeVprError, EdgeVprWarning, UsageError, did_you_mean, printable
+from edge_vpr.errors import (
+    EdgeVprError,
+    EdgeVprWarning,
+    UsageError,
+    did_you_mean,
+    number_in,
+    printable,
+)
 from edge_vpr_tools.console import (
     Verbosity,
     check_interrupted,
@@ -319,17 +327,19 @@ def _one_of(choices: Sequence[str]) -> Callable[[str], str]:
 def whole_number(text: str) -> int:
     """Read a whole number."""
     try:
-        return int(text)
+        if "_" not in text:
+            return int(text)
     except ValueError:
-        raise argparse.ArgumentTypeError(
-            f"{text!r} is not a whole number: write its digits, such as 25 or 100000"
-        ) from None
+        pass
+    raise argparse.ArgumentTypeError(
+        f"{text!r} is not a whole number: write its digits, such as 25 or 100000"
+    )
 
 
 def number(text: str) -> float:
     """Read a finite number."""
     try:
-        value = float(text)
+        value = number_in(text)
     except ValueError:
         raise argparse.ArgumentTypeError(
             f"{text!r} is not a number: write its digits, such as 25, 0.5 or 1e5"
@@ -526,7 +536,10 @@ def _report(error: Exception) -> int:
     if isinstance(error, EdgeVprError) or hasattr(error, "exit_code"):
         text, code = printable(str(error)), int(error.exit_code)
     elif isinstance(error, OSError):
-        text, code = f"{error}: check the path, its permissions and the free space", EXIT_FAILED
+        remedy = "check the path, its permissions and the free space"
+        if error.errno == errno.ENAMETOOLONG:
+            remedy = "name a shorter one"
+        text, code = f"{error}: {remedy}", EXIT_FAILED
     elif "cannot cache function" in str(error):
         text = (
             "Numba finds no folder to store compiled code in: set NUMBA_CACHE_DIR to a folder "

@@ -88,6 +88,21 @@ def add_reading_arguments(
     return group
 
 
+def add_protocol_flag(group: argparse._ArgumentGroup, text: str, *, required: bool = False) -> None:
+    """Add the flag that names a protocol, whose names a shell completes."""
+    default = None if required else "evpr"
+    flag = group.add_argument(
+        "--protocol", required=required, default=default, metavar="P", help=text
+    )
+    flag.completer = _protocols  # type: ignore[attr-defined]  # as argcomplete has it
+
+
+def _protocols(**_: object) -> list[str]:
+    from edge_vpr.live.protocols import protocol_names  # when a shell asks
+
+    return protocol_names()
+
+
 def add_window_argument(group: argparse._ArgumentGroup) -> None:
     """Add the further flag that `inputs.open_source` reads."""
     group.add_argument(

@@ -18,6 +18,8 @@ from edge_vpr_tools.console import check_interrupted, is_quiet
 if TYPE_CHECKING:
     from rich.console import Console
 
+    from edge_vpr.simulation import SimulatedRecording
+
 
 def open_from(args: argparse.Namespace, path: str | Path, default: Camera = NO_CAMERA) -> Recording:
     """Open a recording with the flags of :func:`add_reading_arguments`; see `open_recording`."""
@@ -48,6 +50,13 @@ def open_source(
         sensor=args.sensor or default.sensor,
         crop=crop_of(args.start, args.end, args.start_offset),
     )
+
+
+def demo_drives() -> tuple[SimulatedRecording, SimulatedRecording]:
+    """Return the two drives of the demo, which are the same each time."""
+    from edge_vpr.simulation import simulate_pair
+
+    return simulate_pair(0)
 
 
 class Tracked:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import filecmp
+import os
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
@@ -29,6 +31,7 @@ from edge_vpr.files import parse_errors, read_json
 from edge_vpr.recordings import parse_period
 from edge_vpr.reference_map import MatchResult
 from edge_vpr.results import RecordError, RunRecord, from_json
+from edge_vpr_tools.cli import VerbParser, find_verb
 from edge_vpr_tools.console import note, warning
 
 #: Suffixes of files that hold a track and not an alignment.
@@ -217,8 +220,41 @@ def given_truth(
                 "query's log, as in --offset 0 2.5, or auto"
             ) from None
         seconds = first, second
+    if offset is None and len(ground_truth) == 2 and _same_contents(*map(Path, ground_truth)):
+        raise UsageError(
+            f"--ground-truth {' '.join(ground_truth)}: both are the same log: name that of the "
+            "reference and that of the query; of one log of both drives, say with --offset where "
+            "its time 0 is in each recording (--offset 0 0: they are one drive)"
+        )
     files = TruthFiles(tuple(ground_truth), tolerance, rows, frame_period, seconds, longest_gap)
     return files, find_offset
+
+
+def _same_contents(one: Path, other: Path) -> bool:
+    try:
+        return one.samefile(other) or filecmp.cmp(one, other, shallow=False)
+    except OSError:
+        return False  # which is said when it is read
+
+
+def read_there(folder: Path, named: str, path: str) -> Path:
+    """Return a file that a command named, which is perhaps not run in the present folder.
+
+    Parameters
+    ----------
+    folder : path
+        Of results, where it is now.
+    named : str
+        The same folder, as the command named it: the end of its path says where the command ran.
+    path : str
+        The file, as the command named it.
+    """
+    there = folder.resolve()
+    for part in reversed(Path(os.path.normpath(named)).parts):
+        if part != there.name or part == os.sep:
+            return Path(path)
+        there = there.parent
+    return there / path if (there / path).exists() else Path(path)
 
 
 def evaluated_truth(folder: Path) -> TruthFiles | None:
@@ -238,13 +274,17 @@ def evaluated_truth(folder: Path) -> TruthFiles | None:
             record = from_json(RunRecord, metrics["evaluated_by"])
         except RecordError as error:
             raise ValueError(str(error)) from error
+    verb, words = find_verb(list(record.command[1:]))
+    named = VerbParser(verb).parse(words).results if verb == "evaluate" else ""
     for file in record.inputs:
-        if not Path(file.path).exists() or results.hash_input(Path(file.path)) != file:
+        found = read_there(folder, named, file.path)
+        if not found.exists() or replace(results.hash_input(found), path=file.path) != file:
             raise UsageError(
                 f"{file.path} has moved or changed since the evaluation: run edge-vpr evaluate "
                 "again"
             )
-    return files
+    where = (str(read_there(folder, named, path)) for path in files.files)
+    return replace(files, files=tuple(where))
 
 
 def truth_of(result: MatchResult, files: TruthFiles) -> GroundTruth:

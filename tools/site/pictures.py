@@ -22,7 +22,6 @@ import subprocess
 import sys
 import tempfile
 import time
-from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
 
@@ -154,10 +153,7 @@ def pipeline(folder: Path, path: Path) -> None:
 def read_replay(folder: Path) -> Replay:
     """Read the smoothed matches, with the events of all pixels."""
     results = folder / "results"
-    run = read_run(results)  # of commands that ran in the folder
-    files = tuple(replace(one, path=str(folder / one.path)) for one in run.inputs)
-    words = (str(folder / word) if (folder / word).is_file() else word for word in run.command)
-    inputs = RecordedInputs(replace(run, inputs=files, command=tuple(words)))
+    inputs = RecordedInputs(results, read_run(results))
     matched = MatchResult.load(results)
     recording = inputs.recording("a picture", matched.reference.camera)
     return replay_of(matched, recording, inputs.odometry(), 10_000, all_events=True)

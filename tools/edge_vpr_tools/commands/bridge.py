@@ -7,14 +7,17 @@ import math
 from contextlib import suppress
 
 from edge_vpr.errors import UsageError, printable
-from edge_vpr_tools.console import stopped_by_signals
-from edge_vpr_tools.flags import add_reading_arguments
+from edge_vpr_tools.console import note, stopped_by_signals
+from edge_vpr_tools.flags import add_protocol_flag, add_reading_arguments
 
 EXAMPLES = """\
   edge-vpr bridge tuesday.raw
   edge-vpr bridge tuesday.raw --port tcp://:7000 --protocol evt3
   edge-vpr bridge tuesday.raw --faults drop=1e-4,stall=5@20"""
 MAIN_FLAGS = ("--port", "--protocol", "--speed", "--faults", "--sensor", "--start", "--end")
+
+#: which is reported, if events are sent later than this
+_BEHIND_S = 0.5
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -27,10 +30,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "tcp://[HOST]:PORT (waits for a client; without HOST, for one on this machine), "
         "udp://HOST:PORT, or the name of a serial port",
     )  # fmt: skip
-    line.add_argument(
-        "--protocol", default="evpr", metavar="P",
-        help="protocol of the camera: evpr, edvs:format=E3, evt2, ...",
-    )  # fmt: skip
+    add_protocol_flag(line, "protocol of the camera: evpr, edvs:format=E3, evt2, ...")
     line.add_argument(
         "--baud", type=int, default=115_200, metavar="N", help="bits per second of a serial port"
     )
@@ -77,5 +77,10 @@ def run(args: argparse.Namespace) -> None:
             bridge.run(recording)
     finally:
         link.close()
+    if bridge.behind_s > _BEHIND_S:
+        note(
+            f"the events were sent up to {bridge.behind_s:.1f} s late: the host, the line or this "
+            "machine is too slow for them; a lower --speed is in time"
+        )
     dropped = f", dropped {bridge.dropped_events:,}" if bridge.dropped_events else ""
     print(f"sent {bridge.sent_events:,} events in {bridge.sent_bytes:,} bytes{dropped}")

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
 from edge_vpr.errors import UsageError
-from edge_vpr_tools.console import note, summary
+from edge_vpr_tools.console import note, shell_word, summary
 from edge_vpr_tools.flags import add_output_flags
 
 if TYPE_CHECKING:
@@ -93,7 +93,9 @@ def run(args: argparse.Namespace) -> None:
     output = folder / results.MAP if args.output is None else Path(args.output)
     files = evaluated_truth(folder)
     if files is None:
-        raise UsageError(f"{folder} was not evaluated: run edge-vpr evaluate {folder} first")
+        raise UsageError(
+            f"{folder} was not evaluated: run edge-vpr evaluate {shell_word(folder)} first"
+        )
     if args.output is not None:
         results.check_new_map(output, [folder, *files.files], args.overwrite)
     result, truth, _ = load_evaluated(folder, files)

@@ -5,11 +5,10 @@ from __future__ import annotations
 import argparse
 from functools import partial
 from pathlib import Path
-from shlex import quote
 from typing import TYPE_CHECKING, Any
 
 from edge_vpr_tools.cli import VerbParser, command_of
-from edge_vpr_tools.console import Verbosity, say, status, table, verbosity
+from edge_vpr_tools.console import Verbosity, say, shell_word, status, table, verbosity
 from edge_vpr_tools.flags import add_output_flags
 
 if TYPE_CHECKING:
@@ -53,14 +52,13 @@ def run(args: argparse.Namespace) -> None:
     from edge_vpr import results
     from edge_vpr.evaluation.track_files import save_track
     from edge_vpr.reference_map import ReferenceMap
-    from edge_vpr.simulation import simulate_pair
-    from edge_vpr_tools.inputs import tracked
+    from edge_vpr_tools.inputs import demo_drives, tracked
     from edge_vpr_tools.report.verdict import outcome_of
 
     output = Path(args.output)
     output.absolute().parent.mkdir(parents=True, exist_ok=True)
     results.check_output_folder(output, args.overwrite)
-    first, second = simulate_pair(0)
+    first, second = demo_drives()
     first.keep(partial(tracked, label="simulating the reference drive"))
     label = "simulating the query drive: other speed, other light, other traffic"
     second.keep(partial(tracked, label=label))
@@ -90,7 +88,7 @@ def run(args: argparse.Namespace) -> None:
         f"precision, by a threshold that the truth chose; correct is within {_TOLERANCE_M:g} m.",
         f"{outcome_of(result.reference, result.matches, judged).sentence()}",
         "One street of one seed; `edge-vpr experiment simulated` compares ten variants on five.",
-        f"See {output / results.REPORT}; as a film: edge-vpr replay {quote(str(output))} "
+        f"See {output / results.REPORT}; as a film: edge-vpr replay {shell_word(output)} "
         "-o match.gif",
     ):
         say(line, width=_WIDTH, markup=True)

@@ -5,12 +5,12 @@ from __future__ import annotations
 import argparse
 from collections.abc import Iterable
 from pathlib import Path
-from shlex import quote
 from typing import TYPE_CHECKING
 
 from edge_vpr.errors import UsageError
 from edge_vpr_tools.console import (
     detail_settings,
+    shell_word,
     summary,
     warm_up_shown,
     warn_of_bursts,
@@ -192,7 +192,7 @@ def run(args: argparse.Namespace) -> None:
     if not args.no_figures:
         summary(
             f"see {output / results.REPORT}; next, compare with the truth: "
-            f"edge-vpr evaluate {quote(str(output))} --help"
+            f"edge-vpr evaluate {shell_word(output)} --help"
         )
 
 

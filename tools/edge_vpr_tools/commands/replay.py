@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -17,6 +18,7 @@ if TYPE_CHECKING:
     from edge_vpr.recordings.reading import Camera
     from edge_vpr.results import RunRecord
     from edge_vpr.route import Odometry
+    from edge_vpr.simulation import SimulatedRecording
     from edge_vpr_tools.truth_files import TruthFiles
 
 EXAMPLES = """\
@@ -48,7 +50,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     shown.add_argument(
         "--all-events", action="store_true",
         help="show the events of all pixels behind the selected ones; needs the recording of the "
-        "query, where run.json says it is",
+        "query, where run.json says it is (the demo's is simulated again)",
     )  # fmt: skip
 
 
@@ -56,16 +58,21 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 class RecordedInputs:
-    """The files that a run has read, by its `run.json`; each is opened when it is asked for."""
+    """The files that a run has read, by its `run.json`; each is opened when it is asked for.
 
-    def __init__(self, run: RunRecord) -> None:
-        self._files = run.inputs
-        verb, words = find_verb(list(run.command[1:]))
+    The demo has read none: it simulates its street, which is simulated once more.
+    """
+
+    def __init__(self, folder: Path, run: RunRecord) -> None:
+        self._folder, self._files = folder, run.inputs
+        self._verb, words = find_verb(list(run.command[1:]))
         self._args: argparse.Namespace | None = None
-        if verb == "match":
-            self._args = VerbParser(verb).parse(words)
+        if self._verb == "match":
+            self._args = VerbParser("match").parse(words)
 
-    def recording(self, what: str, camera: Camera) -> Recording | PublishedWindows:
+    def recording(
+        self, what: str, camera: Camera
+    ) -> Recording | PublishedWindows | SimulatedRecording:
         """Open the recording of the query.
 
         Parameters
@@ -80,8 +87,10 @@ class RecordedInputs:
         UsageError
             If the run was not of `edge-vpr match`, or the recording has moved or changed.
         """
-        from edge_vpr_tools.inputs import open_source
+        from edge_vpr_tools.inputs import demo_drives, open_source
 
+        if self._verb == "demo":
+            return demo_drives()[1]
         if self._args is None:
             raise UsageError(
                 f"{what} needs the recording, which the record of this run does not name: replay "
@@ -103,18 +112,21 @@ class RecordedInputs:
             return None
         return load_odometry(self._unchanged(self._args.odometry, "a match with --odometry"))
 
-    def _unchanged(self, path: str, what: str) -> str:
+    def _unchanged(self, path: str, what: str) -> Path:
         from edge_vpr.results import hash_input
+        from edge_vpr_tools.truth_files import read_there
 
         remedy = "run edge-vpr replay in the folder where edge-vpr match ran, or match again"
-        if not Path(path).exists():
+        assert self._args is not None
+        found = read_there(self._folder, self._args.output, path)
+        if not found.exists():
             raise UsageError(f"{path}, which {what} needs, is not there: {remedy}")
         for record in self._files:
-            if record.path == path and hash_input(Path(path)) != record:
+            if record.path == path and replace(hash_input(found), path=path) != record:
                 raise UsageError(
                     f"{path}, which {what} needs, has changed since it was matched: {remedy}"
                 )
-        return path
+        return found
 
 
 def _truth(folder: Path) -> TruthFiles | None:
@@ -143,7 +155,7 @@ def run(args: argparse.Namespace) -> None:
     folder = Path(args.results)
     with status("reading the matches") as show:
         result = MatchResult.load(folder)
-        inputs = RecordedInputs(read_run(folder))
+        inputs = RecordedInputs(folder, read_run(folder))
         recording = None
         if args.all_events or result.queries is None:
             what = "the events of all pixels" if args.all_events else "a match --online"

@@ -22,6 +22,7 @@ from edge_vpr_tools.console import (
 from edge_vpr_tools.flags import (
     DEFAULT_PRESET,
     add_map_flags,
+    add_protocol_flag,
     given_map_flags,
     map_settings,
     with_match_flags,
@@ -45,8 +46,11 @@ MAIN_FLAGS = (
     "--protocol",
     "--sensor",
     "--baud",
+    "--once",
     "--odometry",
     "--map",
+    "--state",
+    "--http",
     "--log",
     "--record",
     "--json",
@@ -67,10 +71,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="where the camera is: a serial port such as /dev/ttyACM0, tcp://HOST:PORT, "
         "udp://:PORT, - for standard input, or a file of its bytes",
     )  # fmt: skip
-    line.add_argument(
-        "--protocol", required=True, metavar="P",
-        help="protocol of the camera: evpr, edvs, evt3, ...",
-    )  # fmt: skip
+    add_protocol_flag(line, "protocol of the camera: evpr, edvs, evt3, ...", required=True)
     line.add_argument("--sensor", metavar="WxH", help="size of the sensor (default: the map's)")
     line.add_argument(
         "--baud", type=int, metavar="N",

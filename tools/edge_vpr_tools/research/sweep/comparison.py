@@ -22,6 +22,7 @@ from edge_vpr.errors import UsageError, did_you_mean, printable
 from edge_vpr.files import replacing
 from edge_vpr.results import RUN, read_record, run_record, write_json
 from edge_vpr.settings import SETTING_FIELDS, Settings
+from edge_vpr_tools.console import shell_word
 from edge_vpr_tools.report.style import CYCLE, figure, legend_below, look, name_label, save
 from edge_vpr_tools.report.tables import markdown_table, write_spreadsheet
 from edge_vpr_tools.research.sweep import MEASURES, SHARES
@@ -193,7 +194,7 @@ def _of_match(run: Path, name: str) -> list[Row]:
     metrics = read_record(_Metrics, run / results.METRICS, "metrics", _REMEDY)
     evaluation = metrics.evaluation
     if evaluation is None:
-        raise UsageError(f"{run} is not evaluated: run edge-vpr evaluate {run} first")
+        raise UsageError(f"{run} is not evaluated: run edge-vpr evaluate {shell_word(run)} first")
     made = results.read_run(run)
     settings = Settings.from_dict(made.settings, str(run / results.RUN))
     values: dict[str, float | None] = {}
