@@ -36,10 +36,11 @@ def memories(design: Design, slow_blocks: bool = False) -> dict[str, Memory]:
     -------
     dict of str to Memory
         Row displacements and look-up, with its delay line of pixels; counters; of
-        contrast codes logarithms, running means, those that they begin with, and the differences to
-        them; the descriptor that is compared; the places; the distances of the
+        contrast codes logarithms, limits, running means, those that they begin with, and the
+        differences to them; the descriptor that is compared; the places; the distances of the
         last L windows, or the filter's metrics and distances, powers of two for logarithms of
-        events, activities of places, and costs by them; the delay line of the search.
+        events, activities and biases of places, and costs by these activities; the delay line of
+        the search.
     """
     bits = widths_of(design)
     lanes = design.lanes * bits["code"]
@@ -48,9 +49,10 @@ def memories(design: Design, slow_blocks: bool = False) -> dict[str, Memory]:
         kept = {
             "metric": Memory(design.places, bits["metric"]),
             "place_activity": Memory(design.places, bits["place_activity"]),
+            "place_bias": Memory(design.places, bits["place_bias"]),
             # a row a quarter of an octave, of 16 octaves
             "costs": Memory(64, design.steps * cost_bits),
-            "distance": Memory(design.places, bits["distance"]),
+            "distance": Memory(design.places, bits["biased"]),
             # 16 powers of 24 bits, each in 32 words of a bit
             "powers": Memory(16 * 32, 1),
         }
@@ -60,6 +62,7 @@ def memories(design: Design, slow_blocks: bool = False) -> dict[str, Memory]:
         kept["level"] = Memory(design.count_max + 1, bits["level"])
         kept["mean"] = Memory(design.slots, bits["mean"])
         kept["first_mean"] = Memory(design.slots, bits["level"])
+        kept["limit"] = Memory(design.slots, bits["limit"])
         # with sign and rounding
         kept["deviation"] = Memory(design.slots, bits["level"] + 2)
     return {

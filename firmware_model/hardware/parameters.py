@@ -9,27 +9,41 @@ from dataclasses import dataclass
 from itertools import chain
 
 from firmware_model.design import FRACTION_BITS, Design
-from firmware_model.errors import ToolError
+from firmware_model.errors import DesignError, ToolError
 from firmware_model.hardware import sources
 
 #: name of the package, and of its file
 PACKAGE = "vpr_pkg"
 #: tables that the core reads from files, by their numbers; places are loaded at run time
-TABLES = ("displacement", "lookup", "levels", "means", "place_activity")
+TABLES = ("displacement", "lookup", "levels", "means", "place_activity", "limits", "place_bias")
 #: bits of each cost in the table of step costs
 COST_BITS = 7
+#: places on each side of the best that may be told, of places at half windows
+REACH = 4
 
 
 def tables(design: Design) -> tuple[str, ...]:
     """Return those of `TABLES` that the core of a design has."""
     adaptive = {
-        "levels": design.contrast, "means": design.contrast, "place_activity": design.filters
+        "levels": design.contrast, "means": design.contrast, "limits": design.contrast,
+        "place_activity": design.filters, "place_bias": design.filters,
     }  # fmt: skip
     return tuple(name for name in TABLES if adaptive.get(name, True))
 
 
 def constants(design: Design) -> dict[str, int]:
-    """Return the constants of the package's first part, from which its second part follows."""
+    """Return the constants of the package's first part, from which its second part follows.
+
+    Raises
+    ------
+    DesignError
+        If the design has several gains.
+    """
+    if design.gains != 1:
+        raise DesignError(
+            f"design: gains = {design.gains} of a hardware core: expected 1; take gains = 1, or the "
+            "reference firmware in C, which has 7"
+        )
     return {
         "WIDTH": design.width,
         "HEIGHT": design.height,
@@ -49,6 +63,7 @@ def constants(design: Design) -> dict[str, int]:
         "STEPS": design.steps,
         "STEP_COSTS": _costs(design.step_costs),
         "RESTART": design.restart << FRACTION_BITS,
+        "REACH": REACH if design.places_per_window == 2 else 0,
         "TRUST": design.trust,
         "EXCLUSION": design.exclusion,
         "LARGEST_SUM": design.largest_sum,

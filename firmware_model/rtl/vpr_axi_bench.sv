@@ -134,6 +134,8 @@ module vpr_axi_bench;
         if (CONTRAST) load("levels.mem", 2);
         if (CONTRAST) load("means.mem", 3);
         if (FILTER) load("place_activity.mem", 4);
+        if (CONTRAST) load("limits.mem", 5);
+        if (FILTER) load("place_bias.mem", 6);
         value_of("start.mem");
         give(vpr_registers::START, word[31:0]);
         if (TIMESTAMP_BITS > 32) give(vpr_registers::START_HIGH, word[63:32]);

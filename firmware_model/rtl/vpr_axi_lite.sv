@@ -61,7 +61,7 @@ module vpr_axi_lite #(
 
     logic [63:0]           start_q, event_time_q;
     logic [31:0]           activity_q, event_pixel_q, table_word_q;
-    logic [4:0]            load_q;
+    logic [6:0]            load_q;
     logic [2:0]            selected_q;  // table
     logic [19:0]           table_address_q;
     logic [32*PARTS-1:0]   place_q;
@@ -108,7 +108,7 @@ module vpr_axi_lite #(
                     {s_axi_wdata[26:24], s_axi_wdata[19:0]};
                 vpr_registers::TABLE_WORD: begin
                     table_word_q <= s_axi_wdata;
-                    load_q       <= 5'd1 << selected_q;
+                    load_q       <= 7'd1 << selected_q;
                 end
                 vpr_registers::MATCH_TAKE:
                     if (match_tvalid) take_match_q <= 1'b1;

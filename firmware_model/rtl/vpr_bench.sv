@@ -37,7 +37,7 @@ module vpr_bench #(
 
     // tables come from the files of the case
     vpr_core #(.SLOW_BLOCKS(SLOW_BLOCKS)) core (
-        .clk_i(clk), .rst_i(rst), .load_i(5'd0), .load_address_i(20'd0), .load_word_i(32'd0),
+        .clk_i(clk), .rst_i(rst), .load_i(7'd0), .load_address_i(20'd0), .load_word_i(32'd0),
         .start_time_i(start_time), .start_activity_i(start_activity), .*
     );
 

@@ -19,7 +19,8 @@ module vpr_core #(
     localparam int COUNT_BITS     = vpr_pkg::COUNT_BITS,
     localparam int SEEN_BITS      = vpr_pkg::SEEN_BITS,
     localparam int WORD_BITS      = vpr_pkg::WORD_BITS,
-    localparam int DISTANCE_BITS  = vpr_pkg::DISTANCE_BITS,
+    localparam int BIASED_BITS    = vpr_pkg::BIASED_BITS,
+    localparam int REACH          = vpr_pkg::REACH,
     localparam int SUM_BITS       = vpr_pkg::SUM_BITS,
     localparam int PLACE_BITS     = vpr_pkg::PLACE_BITS,
     localparam int ACTIVITY_BITS  = vpr_pkg::ACTIVITY_BITS,
@@ -39,8 +40,8 @@ module vpr_core #(
     input  logic                                   rst_i,
 
     // tables that are loaded before a reset (LOADABLE): displacement, lookup, levels, means,
-    // place_activity
-    input  logic [4:0]                             load_i,
+    // place_activity, limits, place_bias
+    input  logic [6:0]                             load_i,
     input  logic [19:0]                            load_address_i,
     input  logic [31:0]                            load_word_i,
 
@@ -82,7 +83,7 @@ module vpr_core #(
     logic [9:0]                 activity_inverse;
 
     vpr_events #(.LOADABLE(LOADABLE), .SLOW_BLOCKS(SLOW_BLOCKS)) events (
-        .clk_i(clk_i), .rst_i(rst_i), .load_i(load_i[1:0]), .load_address_i(load_address_i),
+        .clk_i(clk_i), .rst_i(rst_i), .load_i({load_i[5], load_i[1:0]}), .load_address_i(load_address_i),
         .load_word_i(load_word_i),
         .start_time_i(start_time_i),
         .s_event_tvalid(s_event_tvalid), .s_event_tready(s_event_tready),
@@ -129,7 +130,7 @@ module vpr_core #(
     logic                          begun_q, compare_q, filter_idle;
     logic                          place_step, place_last;
     logic                          distance_valid;
-    logic [DISTANCE_BITS-1:0]      distance;
+    logic [BIASED_BITS-1:0]        distance;
     logic                          sum_valid, sum_complete, sum_last;
     logic [PLACE_BITS-1:0]         place;
     logic [SUM_BITS-1:0]           sum;
@@ -143,8 +144,9 @@ module vpr_core #(
         .start_i(begun_q), .step_i(place_step), .last_o(place_last), .word_o(place_word)
     );
 
-    vpr_distance #(.SLOW_BLOCKS(SLOW_BLOCKS)) distances (
-        .clk_i(clk_i), .rst_i(rst_i), .query_write_i(query_write), .query_inverse_i(~m_window_tdata),
+    vpr_distance #(.LOADABLE(LOADABLE), .SLOW_BLOCKS(SLOW_BLOCKS)) distances (
+        .clk_i(clk_i), .rst_i(rst_i), .load_i(load_i[6]), .load_address_i(load_address_i),
+        .load_word_i(load_word_i), .query_write_i(query_write), .query_inverse_i(~m_window_tdata),
         .follow_i(begun_q && !(FILTER && paused)),
         .place_step_o(place_step), .place_last_i(place_last), .place_word_i(place_word),
         .distance_valid_o(distance_valid), .distance_o(distance)
@@ -158,14 +160,16 @@ module vpr_core #(
 
     generate
         if (FILTER) begin : g_filter
-            logic [4:0] residual;
+            logic [4:0]            residual;
+            logic [PLACE_BITS-1:0] told;
 
             vpr_filter #(.LOADABLE(LOADABLE)) place_filter (
                 .clk_i(clk_i), .rst_i(rst_i), .load_i(load_i[4]), .load_address_i(load_address_i),
                 .load_word_i(load_word_i), .start_i(compare_q), .paused_i(paused), .settled_i(settled),
                 .activity_inverse_i(activity_inverse), .idle_o(filter_idle),
                 .distance_valid_i(distance_valid), .distance_i(distance), .sum_valid_o(sum_valid), .sum_last_o(sum_last), .place_o(place),
-                .sum_o(sum), .residual_o(residual), .found_i(ends_search), .best_sum_i(best_sum)
+                .sum_o(sum), .residual_o(residual), .found_i(ends_search), .best_i(best),
+                .best_sum_i(best_sum), .told_o(told)
             );
             assign sum_complete = 1'b1;
             vpr_trust trust_in_matches (
@@ -175,7 +179,7 @@ module vpr_core #(
                 .second_sum_i(second_sum), .trust_o(trust), .trusted_o(trusted)
             );
             assign m_match_tdata = {
-                trust, has_second && trusted, ties, second_sum, second, has_second, best_sum, best,
+                trust, has_second && trusted, ties, second_sum, second, has_second, best_sum, told,
                 window_q
             };
         end else begin : g_sequence
@@ -208,8 +212,9 @@ module vpr_core #(
 
     // A window at a time: from its end until its match is taken, or there is none
 
-    // the search's two clocks, and the first of the acceptance test; the trust takes six more
-    localparam int FINISHING = FILTER ? 9 : 3;
+    // the search's two clocks, and the first of the acceptance test; the trust takes seven more, and
+    // the middle of places that are told up to thirteen
+    localparam int FINISHING = !FILTER ? 3 : REACH == 0 ? 10 : 2 * REACH + 6;
 
     logic [FINISHING-1:0] finishing_q;
 

@@ -7,19 +7,28 @@
 // While it is drained, and no slot is on its way (`draining_i`), `drain_slot_i` takes the same way with
 // `drain_i`: it is read, `drained_o` and `read_slot_o` stay until the next, and in place of a raised
 // count 0 is written. No slot is taken in the two clocks after that; `enable_i` is high meanwhile.
+//
+// With contrast codes a slot has a limit of events that count in a window: `in_limit_o` says that the
+// raised count is one more than before, and not above it.
 module vpr_counters #(
     localparam int SLOTS       = vpr_pkg::SLOTS,
     localparam int SLOT_BITS   = vpr_pkg::SLOT_BITS,
     localparam int COUNT_BITS  = vpr_pkg::COUNT_BITS,
     localparam int COUNT_MAX   = vpr_pkg::COUNT_MAX,
+    localparam bit CONTRAST    = vpr_pkg::CONTRAST,
+    parameter  bit LOADABLE    = 0,
     parameter  bit SLOW_BLOCKS = 0  // see vpr_core
 ) (
     input  logic                  clk_i,
     input  logic                  rst_i,
+    input  logic                  load_i,  // see vpr_rom
+    input  logic [19:0]           load_address_i,
+    input  logic [31:0]           load_word_i,
     input  logic                  enable_i,
     input  logic                  take_i,
     input  logic [SLOT_BITS-1:0]  slot_i,
     output logic                  raises_o,
+    output logic                  in_limit_o,
     output logic [SLOT_BITS-1:0]  raised_slot_o,
     output logic [COUNT_BITS-1:0] raised_o,
     input  logic                  draining_i,
@@ -70,4 +79,29 @@ module vpr_counters #(
         .read_address_i (address),
         .read_word_o    (drained_o)
     );
+
+    generate
+        if (CONTRAST) begin : g_limits
+            logic [COUNT_BITS-1:0] limit, limit_q;
+            logic                  full_q;
+
+            vpr_rom #(
+                .DEPTH(SLOTS), .BITS(COUNT_BITS), .ADDRESS_BITS(SLOT_BITS), .FILE("limits.mem"),
+                .LOADABLE(LOADABLE)
+            ) limits (
+                .clk_i(clk_i), .enable_i(enable_i), .address_i(slot_i), .word_o(limit),
+                .load_i(load_i), .load_address_i(load_address_i), .load_word_i(load_word_i)
+            );
+
+            always_ff @(posedge clk_i) if (enable_i) begin
+                limit_q <= limit;
+                full_q  <= count == FULL;
+            end
+
+            assign in_limit_o = !full_q && raised_o <= limit_q;
+        end else begin : g_all
+            wire unused = &{1'b0, load_i, load_address_i, load_word_i};
+            assign in_limit_o = 1'b1;
+        end
+    endgenerate
 endmodule

@@ -1,4 +1,5 @@
-// Distances of a descriptor to all places, in the order of places, one every PERIOD clocks.
+// Distances of a descriptor to all places, in the order of places, one every PERIOD clocks; those of the
+// place filter (FILTER) with the bias of each place, from which the sum begins.
 //
 // After `follow_i`, the first place is compared while the descriptor is written, each word in the clock
 // after it. The fixed period leaves the sequence unit its
@@ -9,11 +10,19 @@ module vpr_distance #(
     localparam int LENGTH        = vpr_pkg::LENGTH,
     localparam int WORD_BITS     = vpr_pkg::WORD_BITS,
     localparam int SAD_BITS      = vpr_pkg::SAD_BITS,
-    localparam int DISTANCE_BITS = vpr_pkg::DISTANCE_BITS,
+    localparam int PLACES        = vpr_pkg::PLACES,
+    localparam int PLACE_BITS    = vpr_pkg::PLACE_BITS,
+    localparam int BIASED_BITS   = vpr_pkg::BIASED_BITS,
+    localparam int BIAS_BITS     = vpr_pkg::PLACE_BIAS_BITS,
+    localparam bit FILTER        = vpr_pkg::FILTER,
+    parameter  bit LOADABLE      = 0,
     parameter  bit SLOW_BLOCKS   = 0  // a register behind the memories, see vpr_core
 ) (
     input  logic                       clk_i,
     input  logic                       rst_i,
+    input  logic                       load_i,  // see vpr_rom
+    input  logic [19:0]                load_address_i,
+    input  logic [31:0]                load_word_i,
     input  logic                       query_write_i,
     input  logic [WORD_BITS-1:0]       query_inverse_i,  // of a word of the descriptor
     input  logic                       follow_i,
@@ -21,7 +30,7 @@ module vpr_distance #(
     input  logic                       place_last_i,
     input  logic [WORD_BITS-1:0]       place_word_i,
     output logic                       distance_valid_o,
-    output logic [DISTANCE_BITS-1:0]   distance_o
+    output logic [BIASED_BITS-1:0]     distance_o
 );
     // clocks a place: words of a distance, terms of a sum, and two of the search
     localparam int LONGER      = WORDS > LENGTH ? WORDS : LENGTH;
@@ -42,7 +51,9 @@ module vpr_distance #(
     logic                   sad_lacks;
     logic [LATENCY-1:0]     valid_q, first_q, last_q;
 
-    wire [DISTANCE_BITS-1:0] so_far = first_q[LATENCY-1] ? '0 : distance_o;
+    logic [BIASED_BITS-1:0] bias;
+    wire                    begins = valid_q[LATENCY-1] && first_q[LATENCY-1];
+    wire [BIASED_BITS-1:0]  so_far = first_q[LATENCY-1] ? bias : distance_o;
 
     wire end_phase = phase_q == PERIOD_BITS'(PERIOD - 1);
     wire end_word  = query_address_q == QUERY_BITS'(WORDS - 1);
@@ -77,7 +88,7 @@ module vpr_distance #(
         last_q  <= LATENCY'({last_q, end_word});
         // with a carry into the lowest bit
         if (valid_q[LATENCY-1])
-            distance_o <= DISTANCE_BITS'(({so_far, 1'b1} + {DISTANCE_BITS'(sad), sad_lacks}) >> 1);
+            distance_o <= BIASED_BITS'(({so_far, 1'b1} + {BIASED_BITS'(sad), sad_lacks}) >> 1);
         distance_valid_o <= valid_q[LATENCY-1] && last_q[LATENCY-1];
         if (rst_i) begin
             running_q        <= 1'b0;
@@ -100,6 +111,28 @@ module vpr_distance #(
     );
 
     generate
+        if (FILTER) begin : g_bias
+            // the next is read when one was taken: a place takes two clocks at least
+            logic [PLACE_BITS-1:0] place_q;
+            logic [BIAS_BITS-1:0]  of_place;
+
+            vpr_rom #(
+                .DEPTH(PLACES), .BITS(BIAS_BITS), .ADDRESS_BITS(PLACE_BITS),
+                .FILE("place_bias.mem"), .LOADABLE(LOADABLE)
+            ) place_bias (
+                .clk_i(clk_i), .enable_i(1'b1), .address_i(place_q), .word_o(of_place),
+                .load_i(load_i), .load_address_i(load_address_i), .load_word_i(load_word_i)
+            );
+
+            assign bias = BIASED_BITS'(of_place);
+            always_ff @(posedge clk_i) begin
+                if (follow_i) place_q <= '0;
+                else if (begins) place_q <= place_q + 1'b1;
+            end
+        end else begin : g_no_bias
+            wire unused_load = &{1'b0, load_i, load_address_i, load_word_i, begins};
+            assign bias = '0;
+        end
         if (SLOW_BLOCKS) begin : g_registers
             logic [WORD_BITS-1:0] held_codes_q, held_query_q;
             always_ff @(posedge clk_i) begin

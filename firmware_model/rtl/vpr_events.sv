@@ -6,6 +6,7 @@
 // An event that ends windows by time waits in the first stage until the matcher takes each of them
 // (`window_ready_i`), and as many clocks longer as a timestamp has bits; those behind a window's last
 // one by count wait before they are counted. So do all while the counters are drained (`pending_i`).
+// `counted_o` follows each event that counts by a clock.
 module vpr_events #(
     localparam bit BY_TIME         = vpr_pkg::BY_TIME,
     localparam int EVENT_TIME_BITS = vpr_pkg::EVENT_TIME_BITS,
@@ -19,7 +20,7 @@ module vpr_events #(
 ) (
     input  logic                            clk_i,
     input  logic                            rst_i,
-    input  logic [1:0]                      load_i,  // see vpr_rom
+    input  logic [2:0]                      load_i,  // see vpr_rom
     input  logic [19:0]                     load_address_i,
     input  logic [31:0]                     load_word_i,
     input  logic [TIMESTAMP_BITS-1:0]       start_time_i,
@@ -48,6 +49,7 @@ module vpr_events #(
 
     logic                  settled, over, full;
     logic                  counts;  // the event with the raised count is of a selected pixel
+    logic                  in_limit;  // and within the limit of this pixel
     logic                  selected;
     logic [SLOT_BITS-1:0]  slot, raised_slot;
     logic [COUNT_BITS-1:0] raised;
@@ -63,15 +65,15 @@ module vpr_events #(
     assign m_event_tvalid = has_raised_q;
     assign m_event_tdata  = counts ? {raised, raised_slot, 1'b1} : '0;
 
-    assign counted_o = counts && moves;
-
     // all events of the window are counted
     // verilator lint_off WIDTH
     wire ends = BY_TIME ? displaces_q && over && settled && !addresses_q && !enters_q && !has_slot_q : full;
     // verilator lint_on WIDTH
 
     always_ff @(posedge clk_i) begin
-        window_end_o <= window_ready_i && ends && !has_count_q && !has_raised_q && !window_end_o;
+        window_end_o <= window_ready_i && ends && !has_count_q && !has_raised_q && !counted_o
+            && !window_end_o;
+        counted_o    <= counts && in_limit && moves;
         // one that leaves makes room in the same clock
         displaces_q  <= s_event_tready ? s_event_tvalid : displaces_q;
         if (looks) begin
@@ -86,6 +88,7 @@ module vpr_events #(
         if (m_event_tvalid && m_event_tready) events_taken_o <= events_taken_o + 1'b1;
         if (rst_i) begin
             window_end_o   <= 1'b0;
+            counted_o      <= 1'b0;
             displaces_q    <= 1'b0;
             addresses_q    <= 1'b0;
             enters_q       <= '0;
@@ -100,7 +103,7 @@ module vpr_events #(
     wire unused = &{1'b0, s_event_tdata, start_time_i};
 
     vpr_pixel_lookup #(.LOADABLE(LOADABLE), .SLOW_BLOCKS(SLOW_BLOCKS)) pixel_lookup (
-        .clk_i(clk_i), .rst_i(rst_i), .load_i(load_i), .load_address_i(load_address_i),
+        .clk_i(clk_i), .rst_i(rst_i), .load_i(load_i[1:0]), .load_address_i(load_address_i),
         .load_word_i(load_word_i),
         .take_i(take), .enable_i(looks),
         .column_i(s_event_tdata[EVENT_TIME_BITS+:16]),
@@ -129,9 +132,10 @@ module vpr_events #(
         end
     endgenerate
 
-    vpr_counters #(.SLOW_BLOCKS(SLOW_BLOCKS)) counters (
-        .clk_i(clk_i), .rst_i(rst_i), .enable_i(moves), .take_i(counting), .slot_i(slot),
-        .raises_o(counts), .raised_slot_o(raised_slot), .raised_o(raised),
+    vpr_counters #(.LOADABLE(LOADABLE), .SLOW_BLOCKS(SLOW_BLOCKS)) counters (
+        .clk_i(clk_i), .rst_i(rst_i), .load_i(load_i[2]), .load_address_i(load_address_i),
+        .load_word_i(load_word_i), .enable_i(moves), .take_i(counting), .slot_i(slot),
+        .raises_o(counts), .in_limit_o(in_limit), .raised_slot_o(raised_slot), .raised_o(raised),
         .draining_i(draining_i), .drain_i(drain_i), .drain_slot_i(drain_slot_i), .drained_o(drained_o),
         .read_slot_o(drained_slot_o)
     );

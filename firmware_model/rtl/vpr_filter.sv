@@ -1,5 +1,7 @@
-// Place filter: a metric for every place, advanced window by window. It stands where vpr_sequence
-// stands for sequences, and hands the search a metric of each place in their order.
+// Place filter: a metric for every place, advanced window by window: what the number of events says
+// (vpr_see), evidence, prediction, and of the best place, which the search finds, the middle of the
+// places near it that is told (vpr_middle). It stands where vpr_sequence stands for sequences, and
+// hands the search a metric of each place in their order.
 //
 // A window takes passes over all places: for the mean of the distances; for their spread, unless it
 // is known from the window before; and for the metrics, each the prediction plus the evidence,
@@ -10,13 +12,13 @@
 // and what steps cost.
 //
 // `residual_o` is the evidence that the metric has, saturated at RESIDUAL_TOP. `found_i` says that
-// the search stands at `best_sum_i`, the least metric. Distances come two clocks apart at least, and
-// so do metrics.
+// the search stands at `best_i` and `best_sum_i`, the least metric; `told_o` follows, see vpr_middle.
+// Distances come two clocks apart at least, and so do metrics.
 module vpr_filter #(
     localparam int           PLACES          = vpr_pkg::PLACES,
     localparam int           STEPS           = vpr_pkg::STEPS,
     localparam int           PLACE_BITS      = vpr_pkg::PLACE_BITS,
-    localparam int           DISTANCE_BITS   = vpr_pkg::DISTANCE_BITS,
+    localparam int           DISTANCE_BITS   = vpr_pkg::BIASED_BITS,
     localparam int           RECIPROCAL_BITS = vpr_pkg::RECIPROCAL_BITS,
     localparam int           COST_BITS       = vpr_pkg::COST_BITS,
     localparam int           EVIDENCE_BITS   = vpr_pkg::EVIDENCE_BITS,
@@ -44,9 +46,11 @@ module vpr_filter #(
     output logic [METRIC_BITS-1:0]   sum_o,
     output logic [RESIDUAL_BITS-1:0] residual_o,
     input  logic                     found_i,
-    input  logic [METRIC_BITS-1:0]   best_sum_i
+    input  logic [PLACE_BITS-1:0]    best_i,
+    input  logic [METRIC_BITS-1:0]   best_sum_i,
+    output logic [PLACE_BITS-1:0]    told_o
 );
-    // from a place's distance to its prediction by 4 to 7 steps; the evidence takes 5, and stays for 2
+    // from a place's distance to its prediction by 6 steps; the evidence takes 5, and stays for 2
     localparam int PREDICTED     = 3 + $clog2(STEPS + 1);
     localparam int PRODUCT_BITS  = DISTANCE_BITS + RECIPROCAL_BITS - 1;
     // fraction bits of the reciprocal, less those of a metric
@@ -133,7 +137,11 @@ module vpr_filter #(
     // Prediction, from the metrics of the window before
 
     logic                   placed_q;
+    logic                   visits;  // behind the search, of places around the best
+    logic [PLACE_BITS-1:0]  visited;
     logic [METRIC_BITS-1:0] least_q, former_inverse, prediction;
+
+    wire [PLACE_BITS-1:0] place = visits ? visited : index_q;
 
     wire metrics = item && pass_q == FOR_METRICS;
 
@@ -149,14 +157,18 @@ module vpr_filter #(
         .DEPTH(PLACES), .BITS(METRIC_BITS), .ADDRESS_BITS(PLACE_BITS)
     ) metric_memory (
         .clk_i(clk_i), .write_i(sum_valid_o), .write_address_i(place_o), .write_word_i(sum_inverse_q),
-        .read_i(1'b1), .read_address_i(index_q), .read_word_o(former_inverse)
+        .read_i(1'b1), .read_address_i(place), .read_word_o(former_inverse)
     );
 
+    logic [7:0]                 of_place;
+    logic                       is_best, stands;
+    logic [3:0]                 weight;
     logic [STEPS*COST_BITS-1:0] costs;
 
     vpr_step_costs #(.LOADABLE(LOADABLE)) step_costs (
         .clk_i(clk_i), .load_i(load_i), .load_address_i(load_address_i), .load_word_i(load_word_i),
-        .activity_inverse_i(activity_inverse_i), .place_i(index_q), .costs_o(costs)
+        .activity_inverse_i(activity_inverse_i), .stands_i(stands), .place_i(place),
+        .of_place_o(of_place), .costs_o(costs)
     );
 
     vpr_prediction predictions (
@@ -165,13 +177,20 @@ module vpr_filter #(
         .least_i(least_q), .prediction_o(prediction)
     );
 
-    // Evidence: the place's distance less the least one, divided by the spread, saturated, and weighted
-    // in eighths by the window's activity: 8 from 2 octaves below the mean activity on, 0 from 3
-    // octaves below it. A pause has no evidence.
+    vpr_see see (
+        .clk_i(clk_i), .rst_i(rst_i), .is_best_i(is_best), .of_place_i(of_place),
+        .placed_i(placed_q), .paused_i(paused_i), .settled_i(settled_i),
+        .activity_inverse_i(activity_inverse_i), .weight_o(weight), .stands_o(stands)
+    );
 
-    wire [9:0] activity = ~activity_inverse_i;
-    wire [3:0] weight   = !activity[9] || &activity[8:5] ? 4'd8
-                          : activity[8:4] == 5'b11101 ? {1'b0, activity[3:1]} : 4'd0;
+    vpr_middle middle (
+        .clk_i(clk_i), .rst_i(rst_i), .found_i(found_i), .best_i(best_i), .best_sum_i(best_sum_i),
+        .visits_o(visits), .place_o(visited), .metric_inverse_i(former_inverse),
+        .is_best_o(is_best), .told_o(told_o)
+    );
+
+    // Evidence: the place's distance less the least one, divided by the spread, saturated, and weighted
+    // in eighths. A pause has no evidence.
 
     logic [DISTANCE_BITS-1:0] kept_q, above_q;
     logic [PRODUCT_BITS-1:0]  product_q;
@@ -184,7 +203,7 @@ module vpr_filter #(
         whole ? product_q[PRODUCT_BITS-1:SHIFT-1] : {1'b0, product_q[PRODUCT_BITS-1:SHIFT]};
 
     wire [EVIDENCE_BITS-1:0] against = evidence_q[EVIDENCE_BITS+2:3];
-    wire [METRIC_BITS:0]     metric  = {1'b0, prediction} + (METRIC_BITS + 1)'(against);
+    wire [EVIDENCE_BITS:0]   metric  = (EVIDENCE_BITS + 1)'(prediction) + (EVIDENCE_BITS + 1)'(against);
 
     always_ff @(posedge clk_i) begin
         kept_q        <= kept;
@@ -197,7 +216,7 @@ module vpr_filter #(
         valid_q <= PREDICTED'({valid_q, metrics});
         sum_valid_o <= valid_q[PREDICTED-1];
         if (valid_q[PREDICTED-1]) begin
-            sum_inverse_q <= metric[METRIC_BITS] ? '0 : ~metric[METRIC_BITS-1:0];
+            sum_inverse_q <= |metric[EVIDENCE_BITS:METRIC_BITS] ? '0 : ~metric[METRIC_BITS-1:0];
             residual_o <= (against >> RESIDUAL_BITS) != 0 || &against[RESIDUAL_BITS-1:RESIDUAL_LOW]
                 ? RESIDUAL_TOP : RESIDUAL_BITS'(against);
             place_o <= place_o + 1'b1;
@@ -211,5 +230,5 @@ module vpr_filter #(
 
     assign sum_last_o = place_o == PLACE_BITS'(PLACES - 1);
 
-    wire unused = &{1'b0, product_q[SHIFT-1:0], farther, evidence_q, activity};
+    wire unused = &{1'b0, product_q[SHIFT-1:0], farther, evidence_q};
 endmodule

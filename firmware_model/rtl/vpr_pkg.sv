@@ -22,10 +22,11 @@ package vpr_pkg;
     localparam int           LANES          = 1;      // codes that are compared in a clock
     localparam int           LENGTH         = 1;      // windows of a sequence; 1 with the filter
     localparam bit           FILTER         = 1'd0;   // the place filter; else sequences
-    localparam int           STEPS          = 4;      // of 0, 1 ... places that have a cost
-    // the table of their costs, 17 rows of 7 bits each, see vpr_step_costs
-    localparam logic [832:0] STEP_COSTS     = 833'h0;
-    localparam logic [9:0]   RESTART        = 10'd0;  // cost
+    localparam int           STEPS          = 5;      // of 0, 1 ... places that have a cost
+    // the table of their costs, 19 rows of 7 bits each, see vpr_step_costs
+    localparam logic [930:0] STEP_COSTS     = 931'h0;
+    localparam logic [6:0]   RESTART        = 7'd0;   // cost
+    localparam int           REACH          = 0;      // places on each side of the best that may be told
     localparam logic [8:0]   TRUST          = 9'd0;   // below which a match is not trusted
     localparam int           EXCLUSION      = 0;      // places on each side of the best's zone
     localparam logic [31:0]  LARGEST_SUM    = 32'hFFFFFFFF;  // of a sequence that is accepted
@@ -71,12 +72,15 @@ package vpr_pkg;
     localparam int PLACE_BITS    = index_bits(PLACES);
     localparam int SAD_BITS      = CODE_BITS + $clog2(LANES);
     localparam int DISTANCE_BITS = width_of(CODE_MAX * 64'(SLOTS));
-    localparam int METRIC_BITS   = 10;
+    localparam int METRIC_BITS   = 7;
     localparam int SUM_BITS      =
         FILTER ? METRIC_BITS : width_of(CODE_MAX * 64'(SLOTS) * 64'(LENGTH));
 
     // the place filter
-    localparam int DISTANCE_TOTAL_BITS = width_of(((64'd1 << DISTANCE_BITS) - 64'd1) * 64'(PLACES));
+    localparam int PLACE_BIAS_BITS     = 8;  // of what is added to the distance of a place
+    localparam int BIASED_BITS         = FILTER
+        ? width_of((64'd1 << DISTANCE_BITS) + (64'd1 << PLACE_BIAS_BITS) - 64'd2) : DISTANCE_BITS;
+    localparam int DISTANCE_TOTAL_BITS = width_of(((64'd1 << BIASED_BITS) - 64'd1) * 64'(PLACES));
     localparam int RECIPROCAL_BITS     = 17;
     localparam int EVIDENCE_BITS       = 8;
     // largest evidence against a match that counts, and largest margin: 23. So chosen that what is

@@ -9,7 +9,7 @@
 module vpr_prediction #(
     localparam int           STEPS       = vpr_pkg::STEPS,
     localparam int           COST_BITS   = vpr_pkg::COST_BITS,
-    localparam logic [9:0]   RESTART     = vpr_pkg::RESTART,
+    localparam logic [6:0]   RESTART     = vpr_pkg::RESTART,
     localparam int           METRIC_BITS = vpr_pkg::METRIC_BITS
 ) (
     input  logic                   clk_i,

@@ -8,7 +8,7 @@
 // `done_o` is high in the clock in which the results stand.
 module vpr_spread #(
     localparam int PLACES          = vpr_pkg::PLACES,
-    localparam int DISTANCE_BITS   = vpr_pkg::DISTANCE_BITS,
+    localparam int DISTANCE_BITS   = vpr_pkg::BIASED_BITS,
     localparam int TOTAL_BITS      = vpr_pkg::DISTANCE_TOTAL_BITS,
     localparam int RECIPROCAL_BITS = vpr_pkg::RECIPROCAL_BITS
 ) (

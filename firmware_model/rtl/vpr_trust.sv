@@ -1,13 +1,16 @@
-// Trust in the filter's matches: their support less their residual, and at least 0.
+// Trust in the filter's matches: their support less their residual, and at least 0, by the age of
+// their path.
 //
 // The support moves by 1/4 of its difference to 16 x margin, from 0 where the place does not follow
-// from the one before by a step, and falls by 1/16 at least where the place stays the same. The
+// from the one before by a step, and falls by 1/8 at least where the place stays the same. The
 // residual is the most evidence against the matched place of this window and the two before, times
-// 16. Margin and evidence saturate at RESIDUAL_TOP. Below TRUST a match is not trusted.
+// 16. Margin and evidence saturate at RESIDUAL_TOP. The age is 0 where the place does not follow, and
+// otherwise one more than before, up to 8: of so many eighths is the trust. Below TRUST a match is not
+// trusted.
 //
 // `residual_i` is that of the place that has become the best (`became_i`). `update_i` begins when the
-// match stands; `trust_o` and `trusted_o` are registered at the seventh clock edge behind it, and
-// the eighth, and stay.
+// match stands; `trust_o` and `trusted_o` are registered at the eighth clock edge behind it, and
+// the ninth, and stay.
 module vpr_trust #(
     localparam int         STEPS       = vpr_pkg::STEPS,
     localparam logic [8:0] TRUST       = vpr_pkg::TRUST,
@@ -32,12 +35,14 @@ module vpr_trust #(
 );
     localparam int FRACTION       = TRUST_BITS - MARGIN_BITS;
     localparam int TRUST_SHIFT    = 2;
-    localparam int STANDING_SHIFT = 4;
+    localparam int STANDING_SHIFT = 3;
+    localparam int AGE_BITS       = 4;
+    localparam int WHOLE_SHIFT    = AGE_BITS - 1;  // at 8, the age is whole
     // steps to compare: wide enough for the longest as well
     localparam int BITS           = (PLACE_BITS > 5 ? PLACE_BITS : 5) + 1;
     localparam logic [4:0] LONGEST = 5'(STEPS - 1);
 
-    logic [5:0]                    phase_q;
+    logic [6:0]                    phase_q;
     logic                          placed_q, beyond_q, stays_q, falls_q;
     // as they are subtracted: the place of the match before, and the margin
     logic [BITS-1:0]               lowest_inverse_q;
@@ -47,6 +52,8 @@ module vpr_trust #(
     logic [TRUST_BITS-1:0]         support_q;
     logic signed [TRUST_BITS:0]    difference_q;
     logic [TRUST_BITS-1:0]         moves_q;
+    logic [AGE_BITS-1:0]           age_q;
+    logic [TRUST_BITS-1:0]         whole_q;  // trust in a path of that age
     // of this match, of the two before, the larger of these, and the largest of all
     logic [MARGIN_BITS-1:0]        newest_q, former_q, earlier_q, larger_q, worst_q;
 
@@ -55,12 +62,14 @@ module vpr_trust #(
     wire signed [TRUST_BITS:0] moved = difference_q >>> TRUST_SHIFT;
     wire signed [TRUST_BITS:0] more  = moved + $signed({1'b0, fall});
     wire [TRUST_BITS:0]        lacking = {1'b0, trust_o} - (TRUST_BITS + 1)'(TRUST);
+    wire [TRUST_BITS+AGE_BITS-1:0] aged =
+        (TRUST_BITS + AGE_BITS)'(whole_q) * (TRUST_BITS + AGE_BITS)'(age_q);
     // the carry says that the support is not below the residual
     wire [MARGIN_BITS:0]       left =
         {1'b1, support_q[TRUST_BITS-1:FRACTION]} - {1'b0, worst_q};
 
     always_ff @(posedge clk_i) begin
-        phase_q      <= {phase_q[4:0], update_i};
+        phase_q      <= {phase_q[5:0], update_i};
         margin_inverse_q <= best_sum_i + ~second_sum_i;
         if (!has_second_i) margin_inverse_q <= '0;
         limited_inverse_q <= &margin_inverse_q[METRIC_BITS-1:MARGIN_BITS]
@@ -72,7 +81,12 @@ module vpr_trust #(
         difference_q <= ~({1'b1, limited_inverse_q, {FRACTION{1'b1}}} + {1'b0, support_q});
         falls_q      <= stays_q && !more[TRUST_BITS];
         moves_q      <= stays_q && !more[TRUST_BITS] ? ~fall : moved[TRUST_BITS-1:0];
-        if (phase_q[1] && (!placed_q || beyond_q)) support_q <= '0;
+        if (phase_q[1]) begin
+            if (!placed_q || beyond_q) begin
+                support_q <= '0;
+                age_q     <= '0;
+            end else if (!age_q[WHOLE_SHIFT]) age_q <= age_q + 1'b1;
+        end
         larger_q     <= former_q > earlier_q ? former_q : earlier_q;
         worst_q      <= newest_q > larger_q ? newest_q : larger_q;
         if (became_i) newest_q <= residual_i;
@@ -83,11 +97,12 @@ module vpr_trust #(
             placed_q <= 1'b1;
         end
         if (phase_q[5]) begin
-            trust_o   <= left[MARGIN_BITS]
+            whole_q   <= left[MARGIN_BITS]
                 ? {left[MARGIN_BITS-1:0], support_q[FRACTION-1:0]} : '0;
             former_q  <= newest_q;
             earlier_q <= former_q;
         end
+        if (phase_q[6]) trust_o <= TRUST_BITS'(aged >> WHOLE_SHIFT);
         trusted_o <= !lacking[TRUST_BITS];
         if (rst_i) begin
             phase_q   <= '0;
@@ -97,5 +112,5 @@ module vpr_trust #(
         end
     end
 
-    wire unused = &{1'b0, moved[TRUST_BITS], more, lacking};
+    wire unused = &{1'b0, moved[TRUST_BITS], more, lacking, aged};
 endmodule

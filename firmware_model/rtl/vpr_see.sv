@@ -1,0 +1,53 @@
+// What the number of events of a window says: how much its evidence weighs, in eighths, and whether
+// the robot stands, from the window's activity less that of the place of the window before.
+//
+// This surplus, in sixteenths of an octave, gives all weight from -40 on, and none below -54. Below
+// -48, or in a pause, the window has few events; from the third one in a row on, the robot stands.
+// Without a place (`placed_i`) evidence has all its weight, and pauses alone have few events.
+//
+// `is_best_i` says that `of_place_i` is the activity of the best place, for the next window. Results
+// stand from two clocks after the first clock of `settled_i` on, which comes with the activity, to the
+// same clock of the next window.
+module vpr_see (
+    input  logic       clk_i,
+    input  logic       rst_i,
+    input  logic       is_best_i,
+    input  logic [7:0] of_place_i,
+    input  logic       placed_i,
+    input  logic       paused_i,
+    input  logic       settled_i,
+    input  logic [9:0] activity_inverse_i,
+    output logic [3:0] weight_o,
+    output logic       stands_o
+);
+    localparam logic [1:0] PATIENCE = 2'd2;
+
+    logic        settled_q, judges_q;
+    logic [9:0]  allowance_q;  // 55 less the activity of the best place
+    logic [9:0]  eighths_q;    // of the weight: half of the surplus and 56
+    logic [1:0]  few_q;        // windows with few events in a row, to one more than PATIENCE
+
+    wire [10:0] surplus =
+        {allowance_q[9], allowance_q} - {activity_inverse_i[9], activity_inverse_i};
+    wire        none    = eighths_q[9];
+    wire        all     = !none && |eighths_q[8:3];
+    wire        has_few = paused_i || (placed_i && (none || (!all && !eighths_q[2])));
+
+    assign weight_o = !placed_i || all ? 4'd8 : none ? 4'd0 : {1'b0, eighths_q[2:0]};
+    assign stands_o = few_q > PATIENCE;
+
+    always_ff @(posedge clk_i) begin
+        settled_q <= settled_i;
+        judges_q  <= settled_i && !settled_q;
+        if (is_best_i) allowance_q <= 10'd55 - {{2{of_place_i[7]}}, of_place_i};
+        eighths_q <= surplus[10:1];
+        if (judges_q) few_q <= !has_few ? '0 : stands_o ? few_q : few_q + 1'b1;
+        if (rst_i) begin
+            settled_q <= 1'b1;
+            judges_q  <= 1'b0;
+            few_q     <= '0;
+        end
+    end
+
+    wire unused = &{1'b0, surplus[0]};
+endmodule
