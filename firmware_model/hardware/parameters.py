@@ -41,7 +41,7 @@ def constants(design: Design) -> dict[str, int]:
     """
     if design.gains != 1:
         raise DesignError(
-            f"design: gains = {design.gains} of a hardware core: expected 1; take gains = 1, or the "
+            f"design: gains = {design.gains}: the hardware core has 1: set gains = 1, or take the "
             "reference firmware in C, which has 7"
         )
     return {

@@ -102,13 +102,19 @@ def write_project(
         Size of the golden vectors, see `vectors.suite.cases_within`.
     on_case : callable, optional
         Called with the name of each case before it is computed.
+
+    Raises
+    ------
+    DesignError
+        If the core does not have the design's gains; nothing is written then.
     """
     design = memories.design
+    text = package(design)
     beside = dict.fromkeys(name for board in BOARDS.values() for name in board.sources)
     benches = (sources.BENCH, sources.UP5K_BENCH, sources.AXI_BENCH)
     names = (*sources.DEVICE, *beside, sources.AXI, *benches)
     sources.copy_sources(folder / "src", names)
-    (folder / "src" / f"{PACKAGE}.sv").write_text(package(design), encoding="ascii")
+    (folder / "src" / f"{PACKAGE}.sv").write_text(text, encoding="ascii")
     (folder / "src" / f"{registers.PACKAGE}.sv").write_text(
         registers.package(design), encoding="ascii"
     )

@@ -17,7 +17,7 @@ import numpy as np
 import pytest
 from edge_vpr_tools.cli import main
 
-from firmware_model import Design, ToolError, VectorError, cost
+from firmware_model import Design, DesignError, ToolError, VectorError, cost
 from firmware_model.design import MARGIN_TOP, RESIDUAL_TOP, formats_of
 from firmware_model.hardware import (
     parameters as boards,
@@ -30,6 +30,7 @@ from firmware_model.hardware.parameters import (
     package_with,
     tables,
 )
+from firmware_model.hardware.project import write_project
 from firmware_model.hardware.simulation import Conditions
 from firmware_model.specification import (
     Event,
@@ -48,7 +49,12 @@ from firmware_model.vectors import (
     write_suites,
 )
 from firmware_model.vectors.case import Stream
-from firmware_model.vectors.random_cases import random_adaptive_design, random_cases, random_design
+from firmware_model.vectors.random_cases import (
+    random_adaptive_design,
+    random_cases,
+    random_design,
+    random_memories,
+)
 from firmware_model.verification import hardware_mutants as mutants
 from firmware_model.verification import proof
 from fixedpoint.activity import BANK_COSTS
@@ -378,6 +384,14 @@ def test_the_package_has_no_constant_that_a_design_leaves_out():
     assert declared == list(constants(DESIGN))
     with pytest.raises(ToolError, match="no constant WIDHT"):
         package_with({"WIDHT": 3})
+
+
+def test_a_design_of_several_gains_is_refused_in_one_sentence(tmp_path):
+    """The core has one; what has seven is named. Nothing is written."""
+    several = random_memories(np.random.default_rng(1), replace(ADAPTIVE, gains=7))
+    with pytest.raises(DesignError, match="gains = 7: the hardware core has 1: set gains = 1"):
+        write_project(tmp_path, several, 1)
+    assert not list(tmp_path.iterdir())
 
 
 @needs_iverilog
