@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
+from dataclasses import replace
 from functools import cache, partial
 from typing import NamedTuple
 
@@ -115,6 +116,8 @@ def matching_steps(
     first = np.arange(min(max(_WINDOWS, settings.windows_per_match), len(counts)))
     few = np.unique([*first, *ends])
     windows = reference.places.take(few)
+    if settings.hypotheses > 1:  # codes are codes, whatever they sum up
+        windows = replace(windows, summed=np.stack([windows.counts] * 2, axis=1))
     driven = None
     if odometry:
         times = np.unique(windows.centre_us)  # a reading in each window
@@ -189,8 +192,8 @@ def localising_steps(
         n = int(reference.places.selected_events.max())
         if settings.window == "count":
             n = max(n, settings.events_per_window)
-        pixel = reference.pixel_map
-        x, y = np.repeat(pixel.x[:1], n), np.repeat(pixel.y[:1], n)
+        pixel = reference.pixel_map  # of one alone, few events count
+        x, y = np.resize(pixel.x, n), np.resize(pixel.y, n)
         for _ in range(3 if odometry else 2):  # a distance is known after two readings
             localiser().update(make_events(np.full(n, last_us), x, y))
             if odometry:
