@@ -65,7 +65,7 @@ QUICK = Design(
 QUICK_EVENTS, QUICK_RESETS = 150, 6
 #: a restart of ten bits, so that places match against much evidence; a map whose number of places
 #: is a power of two; windows of an odd length by a narrow clock
-DEAR = replace(_FILTER, places=16, restart=254, timestamp_bits=9, tau_us=51, trust=8)
+DEAR = replace(_FILTER, places=16, restart=30, timestamp_bits=9, tau_us=51, trust=8)
 DEAR_EVENTS = 600
 _SMALL = Design(
     width=4, height=2, pixels=3, places=4, length=3, code_bits=2, lanes=3,
