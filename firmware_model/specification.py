@@ -339,49 +339,8 @@ def which_sum(speed: int, gain: int) -> int:
     return sum((speed >> 4) - gain < limit for limit in SUM_LIMITS)
 
 
-def spread_of(distances: Sequence[int]) -> int:
-    """Return the mean absolute deviation of the distances, rounded down, at least 1, step 2."""
-    mean = sum(distances) // len(distances)
-    return max(sum(abs(d - mean) for d in distances) // len(distances), 1)
-
-
-class Evidence(NamedTuple):
-    """Evidence of a window, step 2."""
-
-    against: Rows  #: E, of each sum and place.
-    scales: Sequence[int]  #: Reciprocal by which each sum was scaled; 0 without evidence.
-    reciprocals: Sequence[int]  #: R of each sum, for the next window.
-
-
-def evidence(known: FilterMap, state: Filter, seen: Seen, distances: Rows) -> Evidence:
-    """Return the evidence of the sums that gains look at, step 2.
-
-    Parameters
-    ----------
-    distances : Rows
-        D of each sum to each place; not used in a pause.
-    """
-    places, sums = len(known.activity), range(len(SUMS))
-    if seen.paused:
-        return Evidence([[0] * places for _ in sums], (0, 0, 0), state.reciprocals)
-    against, scales, own = [[0] * places for _ in sums], [0 for _ in sums], [0 for _ in sums]
-    for i in set(seen.looks):
-        biased = [d + b for d, b in zip(distances[i], known.bias, strict=True)]
-        own[i] = (1 << 16) // spread_of(biased)
-        scales[i] = state.reciprocals[i] or own[i]
-        against[i] = evidence_of(biased, scales[i], seen.weight)
-    return Evidence(against, scales, own)
-
-
-def evidence_of(distances: Sequence[int], reciprocal: int, weight: int) -> list[int]:
-    """Return the evidence against each place, step 2."""
-    least = min(distances)
-    scaled = (min(((d - least) * reciprocal) >> 14, EVIDENCE_TOP) for d in distances)
-    return [(one * weight) >> 3 for one in scaled]
-
-
 def predict(known: FilterMap, state: Filter, steps: Sequence[Edges]) -> list[list[int]]:
-    """Return the cost of being at each place with each gain, without the evidence, step 3.
+    """Return the cost of being at each place with each gain, without the evidence, step 2.
 
     Parameters
     ----------
@@ -434,8 +393,49 @@ def steps_of(known: FilterMap, seen: Seen, gain: int) -> Edges:
     return found
 
 
+def spread_of(distances: Sequence[int]) -> int:
+    """Return the mean absolute deviation of the distances, rounded down, at least 1, step 3."""
+    mean = sum(distances) // len(distances)
+    return max(sum(abs(d - mean) for d in distances) // len(distances), 1)
+
+
+class Evidence(NamedTuple):
+    """Evidence of a window, step 3."""
+
+    against: Rows  #: E, of each sum and place.
+    scales: Sequence[int]  #: Reciprocal by which each sum was scaled; 0 without evidence.
+    reciprocals: Sequence[int]  #: R of each sum, for the next window.
+
+
+def evidence(known: FilterMap, state: Filter, seen: Seen, distances: Rows) -> Evidence:
+    """Return the evidence of the sums that gains look at, step 3.
+
+    Parameters
+    ----------
+    distances : Rows
+        D of each sum to each place; not used in a pause.
+    """
+    places, sums = len(known.activity), range(len(SUMS))
+    if seen.paused:
+        return Evidence([[0] * places for _ in sums], (0, 0, 0), state.reciprocals)
+    against, scales, own = [[0] * places for _ in sums], [0 for _ in sums], [0 for _ in sums]
+    for i in set(seen.looks):
+        biased = [d + b for d, b in zip(distances[i], known.bias, strict=True)]
+        own[i] = (1 << 16) // spread_of(biased)
+        scales[i] = state.reciprocals[i] or own[i]
+        against[i] = evidence_of(biased, scales[i], seen.weight)
+    return Evidence(against, scales, own)
+
+
+def evidence_of(distances: Sequence[int], reciprocal: int, weight: int) -> list[int]:
+    """Return the evidence against each place, step 3."""
+    least = min(distances)
+    scaled = (min(((d - least) * reciprocal) >> 14, EVIDENCE_TOP) for d in distances)
+    return [(one * weight) >> 3 for one in scaled]
+
+
 def add(predicted: Rows, against: Evidence, looks: Sequence[int]) -> list[list[int]]:
-    """Return the metrics: each prediction and the evidence of the sum that its gain looks at."""
+    """Return the metrics: predictions, and the evidence that each gain looks at, step 3."""
     return [
         [min(p + e, METRIC_TOP) for p, e in zip(row, against.against[i], strict=True)]
         for row, i in zip(predicted, looks, strict=True)
@@ -528,8 +528,8 @@ def advance(
 ) -> Advanced:
     """Advance the filter by a window, and match it."""
     seen = see(known, state, activity, paused)
-    against = evidence(known, state, seen, distances)
     predicted = predict(known, state, [steps_of(known, seen, gain) for gain in known.gains])
+    against = evidence(known, state, seen, distances)
     metrics = add(predicted, against, seen.looks)
     found = best(known, metrics)
     follows = state.place is not None and 0 <= found.place - state.place <= known.last

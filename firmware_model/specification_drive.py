@@ -256,12 +256,12 @@ def advance_window(
         by_distance = transitions_by_distance(along, driven, per_window, known.jumps)
         weight = min(whole, most_weight(along, driven_whole, per_window))
         seen = seen._replace(weight=weight, looks=[0] * len(seen.looks))
-    against = evidence(of_filter, state, seen, distances)
     steps = [steps_and_jumps(known, seen, gain) for gain in of_filter.gains]
     if by_distance is None:
         predicted = predict(of_filter, state, steps)
     else:
         predicted = predict_by_distance(of_filter, state, by_distance)
+    against = evidence(of_filter, state, seen, distances)
     metrics = add(predicted, against, seen.looks)
     found = best(of_filter, metrics)
     follows = is_reached(known, state.place, found.place, by_distance)
