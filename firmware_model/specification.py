@@ -518,6 +518,7 @@ class Advanced(NamedTuple):
 
     state: Filter  #: After the window.
     seen: Seen
+    predicted: Rows  #: P, of each gain and place.
     evidence: Evidence
     best: Best
     trust: Trust
@@ -535,7 +536,7 @@ def advance(
     follows = state.place is not None and 0 <= found.place - state.place <= known.last
     judged = trust(state, found, against.against[seen.looks[found.gain]][found.place], follows)
     after = state_after(state, seen, against, metrics, found, judged)
-    return Advanced(after, seen, against, found, judged)
+    return Advanced(after, seen, predicted, against, found, judged)
 
 
 def state_after(
@@ -596,6 +597,8 @@ class Machine:
         Distances of the last windows to all places, newest first, of sequences.
     states : list of WindowState
         Of all windows so far, of a design with pauses.
+    compared, advanced : Rows, Advanced or None
+        Of the last window, of the place filter: distances of each sum, and what followed.
     """
 
     def __init__(self, memories: Memories, start: int = 0, begin: Kept | None = None) -> None:
@@ -605,6 +608,8 @@ class Machine:
         self.end = (start + self.design.tau_us) % (1 << self.design.timestamp_bits)
         self.history: list[list[int]] = []
         self.states: list[WindowState] = []
+        self.compared: Rows = ()
+        self.advanced: Advanced | None = None
         self._pixels = {pixel: slot for slot, pixel in enumerate(memories.pixels)}
         self._known = FilterMap.of(memories) if self.design.filters else None
 
@@ -708,10 +713,9 @@ class Machine:
         self, known: FilterMap, codes: Rows, state: WindowState
     ) -> tuple[MatchResult, WindowState]:
         """Match a window by the place filter, section 6."""
-        distances = [self.distances(of_sum) for of_sum in codes]
-        after, seen, against, found, judged = advance(
-            known, self.kept.filter, state.activity, state.paused, distances
-        )
+        self.compared = distances = [self.distances(of_sum) for of_sum in codes]
+        self.advanced = advance(known, self.kept.filter, state.activity, state.paused, distances)
+        after, seen, _, against, found, judged = self.advanced
         self.kept = replace(self.kept, filter=after)
         state = state._replace(
             weight=0 if state.paused else seen.weight, few=seen.few, stands=seen.stands,
