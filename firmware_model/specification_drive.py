@@ -268,7 +268,9 @@ def advance_window(
     judged = trust(state, found, against.against[seen.looks[found.gain]][found.place], follows)
     after = state_after(state, seen, against, metrics, found, judged)
     share = 8 * seen.weight // whole if whole and not paused else 8
-    return Window(Advanced(after, seen, predicted, against, found, judged), steps, by_distance, share)
+    return Window(
+        Advanced(after, seen, predicted, against, found, judged), steps, by_distance, share
+    )
 
 
 def predict_by_distance(known: FilterMap, state: Filter, by_distance: Edges) -> list[list[int]]:

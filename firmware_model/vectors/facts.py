@@ -37,7 +37,6 @@ from firmware_model.specification import (
     is_pause,
     mean_shift,
     row_of,
-    spread_of,
     sums_of,
     window_mean,
 )
@@ -269,7 +268,7 @@ class Facts:
         log = ilog(number)
         for own in set(known.activity):
             row, part = divmod(seen.activity - own + 4, 8)
-            if not -SAME_ROW < row < len(known.costs) - SAME_ROW - 1 or not 0 < known.last:
+            if not -SAME_ROW < row < len(known.costs) - SAME_ROW - 1 or not known.last > 0:
                 continue
             if log > ilog(number - 1) and part == 7:
                 self.found[f"logarithm_{log % 16}"] += 1
@@ -383,7 +382,7 @@ class Facts:
                 if row[k] == own[h] or before.place is None:
                     continue
                 far = min(
-                    (abs(h - g) for g in range(len(own)) if own[g] + GAIN_STEP * abs(h - g) == row[k])
+                    abs(h - g) for g in range(len(own)) if own[g] + GAIN_STEP * abs(h - g) == row[k]
                 )  # fmt: skip
                 found["change_pays" if far == 1 else "change_by_two_pays"] += 1
                 up |= any(own[g] + GAIN_STEP * (h - g) == row[k] for g in range(h))

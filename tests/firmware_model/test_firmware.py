@@ -255,7 +255,7 @@ def test_random_filters_and_contrast_codes_on_every_emulated_processor(emulator)
     paused = 0
     for seed in range(60):
         rng = np.random.default_rng(seed)
-        memories = random_memories(rng, random_adaptive_design(rng))
+        memories = random_memories(rng, random_adaptive_design(rng, (1, 7)))
         start = int(rng.integers(0, 1 << memories.design.timestamp_bits))
         events = wrapped(random_stream(rng, memories, 150, start), memories.design)
         case = Case(str(seed), memories, tuple(events), start)

@@ -16,7 +16,7 @@ from firmware_model import Design
 from firmware_model.emulation.build import SOURCES
 from firmware_model.image import image, ram_bytes
 from firmware_model.vectors import Case, corner_cases, in_order, records
-from firmware_model.vectors.filter_corners import filter_cases
+from firmware_model.vectors.filter_suite import filter_cases
 from firmware_model.vectors.random_cases import window_cases
 
 pytestmark = [

@@ -102,7 +102,7 @@ def test_the_filter_and_contrast_codes_equal_the_pipeline():
     seen = Counter()
     for seed in range(160):
         rng = np.random.default_rng(seed)
-        design = random_adaptive_design(rng)
+        design = random_adaptive_design(rng, (1, 7))
         memories = random_memories(rng, design)
         start = int(rng.integers(0, 1 << design.timestamp_bits))
         events = random_stream(rng, memories, 150, start)

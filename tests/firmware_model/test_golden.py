@@ -47,7 +47,7 @@ from firmware_model.vectors import (
     verify,
     write_suites,
 )
-from firmware_model.vectors.filter_corners import filter_cases
+from firmware_model.vectors.filter_suite import filter_cases
 from firmware_model.vectors.formats import case_header
 from firmware_model.vectors.manifest import FieldPlace
 
