@@ -18,6 +18,7 @@ from typing import Self
 
 from firmware_model.design import (
     ACTIVITY_FRACTION_BITS,
+    BIAS_TOP,
     FRACTION_BITS,
     LARGEST_SUM,
     LEVEL_TOP,
@@ -30,9 +31,10 @@ from firmware_model.design import (
 )
 from firmware_model.errors import DesignError
 from firmware_model.memories import Memories
-from fixedpoint.activity import EVENTS_TOP
+from fixedpoint.activity import EVENTS_TOP, GAINS
+from fixedpoint.own_mean import FULL_SCALE
 
-MAGIC, VERSION = 0x49525056, 6
+MAGIC, VERSION = 0x49525056, 7
 HEADER_WORDS = 32
 #: rows of codes, and tables, begin at multiples of this number of bytes
 ALIGNMENT = 16
@@ -85,9 +87,10 @@ class Word(IntEnum):
     ACTIVITY = (
         0,
         EVENTS_TOP << ACTIVITY_FRACTION_BITS,
-        "of the filter and of contrast codes, initial mean number of selected events of a window, "
-        "in 1/256; else 0",
+        "of the filter and of contrast codes, mean number of events that count of a window of the "
+        "reference, in 1/256; else 0",
     )
+    GAINS = 0, len(GAINS), "of the filter 1 or 7; 7 need contrast codes and windows by time; else 0"
 
 
 class Table(Enum):
@@ -129,8 +132,14 @@ class Table(Enum):
         "H", (len(LEVELS),), Word.CONTRAST, f"T of the specification, 0 to {LEVEL_TOP}",
     )  # fmt: skip
     MEAN = "H", (Word.PIXELS,), Word.CONTRAST, f"initial means, 0 to {LEVEL_TOP}"
+    LIMITS = (
+        "H", (Word.PIXELS,), Word.CONTRAST, f"most events that count, 0 to {FULL_SCALE}",
+    )  # fmt: skip
     PLACE_ACTIVITY = (
         "b", (Word.PLACES,), Word.PLACES_PER_WINDOW, "A of the specification, -128 to 127",
+    )  # fmt: skip
+    PLACE_BIAS = (
+        "B", (Word.PLACES,), Word.PLACES_PER_WINDOW, "B of the specification, 0 to 255",
     )  # fmt: skip
 
     def size(self, header: Mapping[int, int]) -> int:
@@ -172,7 +181,9 @@ def image(memories: Memories) -> bytes:
         Table.PLACES: b"".join(bytes(place).ljust(row, b"\0") for place in memories.places),
         Table.LEVEL: LEVELS if design.contrast else (),
         Table.MEAN: memories.mean,
+        Table.LIMITS: memories.limits,
         Table.PLACE_ACTIVITY: memories.place_activity,
+        Table.PLACE_BIAS: memories.place_bias,
     }
     tables = {
         table: struct.pack(f"<{len(values[table])}{table.entry[0]}", *values[table])
@@ -222,6 +233,7 @@ def _header(design: Design) -> dict[int, int]:
             Word.PLACES_PER_WINDOW: design.places_per_window,
             Word.RESTART: design.restart << FRACTION_BITS,
             Word.TRUST: design.trust,
+            Word.GAINS: design.gains,
         }
     return header
 
@@ -245,13 +257,16 @@ def page() -> str:
 
 def ram_arrays(design: Design) -> dict[str, int]:
     """Return the firmware's arrays in RAM and their bytes, in the order in which they lie there."""
+    filters, several = design.filters, design.gains > 1
     return {
-        "query": stride(design),
+        "query": design.sums * stride(design),
         "counts": _aligned(2 * design.slots),
-        "history": _aligned(2 * design.length * design.places),
+        "before": _aligned(2 * 3 * design.slots) if several else 0,
+        "history": 0 if filters else _aligned(2 * design.length * design.places),
+        "metric": _aligned((8 if several else 1) * design.places) if filters else 0,
         "distance": kept_bytes(design),
-        "delay": 0 if design.filters else _aligned(4 * (design.exclusion + 1)),
-        "mean": _aligned(4 * design.slots) if design.contrast else 0,
+        "delay": 0 if filters else _aligned(4 * (design.exclusion + 1)),
+        "mean": _aligned(4 * design.sums * design.slots) if design.contrast else 0,
     }
 
 
@@ -272,12 +287,12 @@ def kept_bytes(design: Design) -> int:
 def check_limits(design: Design) -> None:
     """Raise DesignError if the numbers of the design exceed limits of the reference firmware."""
     formats = formats_of(design)
-    distance = design.slots * design.code_max
+    distance = design.slots * design.code_max + (BIAS_TOP if design.filters else 0)
     for what, value, bits in (
         ("codes", design.code_max, 8),
         ("timestamps", formats["timestamp"].highest, 32),
         ("a distance", distance, 16),
-        ("sums", distance * design.length, 32),
+        ("sums", design.slots * design.code_max * design.length, 32),
         ("places", design.places, 16),
         ("look-up addresses", design.lookup_depth - 1, 16),
         ("distances held", design.places * design.length * 8, 32),

@@ -339,49 +339,8 @@ def which_sum(speed: int, gain: int) -> int:
     return sum((speed >> 4) - gain < limit for limit in SUM_LIMITS)
 
 
-def spread_of(distances: Sequence[int]) -> int:
-    """Return the mean absolute deviation of the distances, rounded down, at least 1, step 2."""
-    mean = sum(distances) // len(distances)
-    return max(sum(abs(d - mean) for d in distances) // len(distances), 1)
-
-
-class Evidence(NamedTuple):
-    """Evidence of a window, step 2."""
-
-    against: Rows  #: E, of each sum and place.
-    scales: Sequence[int]  #: Reciprocal by which each sum was scaled; 0 without evidence.
-    reciprocals: Sequence[int]  #: R of each sum, for the next window.
-
-
-def evidence(known: FilterMap, state: Filter, seen: Seen, distances: Rows) -> Evidence:
-    """Return the evidence of the sums that gains look at, step 2.
-
-    Parameters
-    ----------
-    distances : Rows
-        D of each sum to each place; not used in a pause.
-    """
-    places, sums = len(known.activity), range(len(SUMS))
-    if seen.paused:
-        return Evidence([[0] * places for _ in sums], (0, 0, 0), state.reciprocals)
-    against, scales, own = [[0] * places for _ in sums], [0 for _ in sums], [0 for _ in sums]
-    for i in set(seen.looks):
-        biased = [d + b for d, b in zip(distances[i], known.bias, strict=True)]
-        own[i] = (1 << 16) // spread_of(biased)
-        scales[i] = state.reciprocals[i] or own[i]
-        against[i] = evidence_of(biased, scales[i], seen.weight)
-    return Evidence(against, scales, own)
-
-
-def evidence_of(distances: Sequence[int], reciprocal: int, weight: int) -> list[int]:
-    """Return the evidence against each place, step 2."""
-    least = min(distances)
-    scaled = (min(((d - least) * reciprocal) >> 14, EVIDENCE_TOP) for d in distances)
-    return [(one * weight) >> 3 for one in scaled]
-
-
 def predict(known: FilterMap, state: Filter, steps: Sequence[Edges]) -> list[list[int]]:
-    """Return the cost of being at each place with each gain, without the evidence, step 3.
+    """Return the cost of being at each place with each gain, without the evidence, step 2.
 
     Parameters
     ----------
@@ -434,8 +393,49 @@ def steps_of(known: FilterMap, seen: Seen, gain: int) -> Edges:
     return found
 
 
+def spread_of(distances: Sequence[int]) -> int:
+    """Return the mean absolute deviation of the distances, rounded down, at least 1, step 3."""
+    mean = sum(distances) // len(distances)
+    return max(sum(abs(d - mean) for d in distances) // len(distances), 1)
+
+
+class Evidence(NamedTuple):
+    """Evidence of a window, step 3."""
+
+    against: Rows  #: E, of each sum and place.
+    scales: Sequence[int]  #: Reciprocal by which each sum was scaled; 0 without evidence.
+    reciprocals: Sequence[int]  #: R of each sum, for the next window.
+
+
+def evidence(known: FilterMap, state: Filter, seen: Seen, distances: Rows) -> Evidence:
+    """Return the evidence of the sums that gains look at, step 3.
+
+    Parameters
+    ----------
+    distances : Rows
+        D of each sum to each place; not used in a pause.
+    """
+    places, sums = len(known.activity), range(len(SUMS))
+    if seen.paused:
+        return Evidence([[0] * places for _ in sums], (0, 0, 0), state.reciprocals)
+    against, scales, own = [[0] * places for _ in sums], [0 for _ in sums], [0 for _ in sums]
+    for i in set(seen.looks):
+        biased = [d + b for d, b in zip(distances[i], known.bias, strict=True)]
+        own[i] = (1 << 16) // spread_of(biased)
+        scales[i] = state.reciprocals[i] or own[i]
+        against[i] = evidence_of(biased, scales[i], seen.weight)
+    return Evidence(against, scales, own)
+
+
+def evidence_of(distances: Sequence[int], reciprocal: int, weight: int) -> list[int]:
+    """Return the evidence against each place, step 3."""
+    least = min(distances)
+    scaled = (min(((d - least) * reciprocal) >> 14, EVIDENCE_TOP) for d in distances)
+    return [(one * weight) >> 3 for one in scaled]
+
+
 def add(predicted: Rows, against: Evidence, looks: Sequence[int]) -> list[list[int]]:
-    """Return the metrics: each prediction and the evidence of the sum that its gain looks at."""
+    """Return the metrics: predictions, and the evidence that each gain looks at, step 3."""
     return [
         [min(p + e, METRIC_TOP) for p, e in zip(row, against.against[i], strict=True)]
         for row, i in zip(predicted, looks, strict=True)
@@ -518,6 +518,7 @@ class Advanced(NamedTuple):
 
     state: Filter  #: After the window.
     seen: Seen
+    predicted: Rows  #: P, of each gain and place.
     evidence: Evidence
     best: Best
     trust: Trust
@@ -528,14 +529,14 @@ def advance(
 ) -> Advanced:
     """Advance the filter by a window, and match it."""
     seen = see(known, state, activity, paused)
-    against = evidence(known, state, seen, distances)
     predicted = predict(known, state, [steps_of(known, seen, gain) for gain in known.gains])
+    against = evidence(known, state, seen, distances)
     metrics = add(predicted, against, seen.looks)
     found = best(known, metrics)
     follows = state.place is not None and 0 <= found.place - state.place <= known.last
     judged = trust(state, found, against.against[seen.looks[found.gain]][found.place], follows)
     after = state_after(state, seen, against, metrics, found, judged)
-    return Advanced(after, seen, against, found, judged)
+    return Advanced(after, seen, predicted, against, found, judged)
 
 
 def state_after(
@@ -596,6 +597,8 @@ class Machine:
         Distances of the last windows to all places, newest first, of sequences.
     states : list of WindowState
         Of all windows so far, of a design with pauses.
+    compared, advanced : Rows, Advanced or None
+        Of the last window, of the place filter: distances of each sum, and what followed.
     """
 
     def __init__(self, memories: Memories, start: int = 0, begin: Kept | None = None) -> None:
@@ -605,6 +608,8 @@ class Machine:
         self.end = (start + self.design.tau_us) % (1 << self.design.timestamp_bits)
         self.history: list[list[int]] = []
         self.states: list[WindowState] = []
+        self.compared: Rows = ()
+        self.advanced: Advanced | None = None
         self._pixels = {pixel: slot for slot, pixel in enumerate(memories.pixels)}
         self._known = FilterMap.of(memories) if self.design.filters else None
 
@@ -708,10 +713,9 @@ class Machine:
         self, known: FilterMap, codes: Rows, state: WindowState
     ) -> tuple[MatchResult, WindowState]:
         """Match a window by the place filter, section 6."""
-        distances = [self.distances(of_sum) for of_sum in codes]
-        after, seen, against, found, judged = advance(
-            known, self.kept.filter, state.activity, state.paused, distances
-        )
+        self.compared = distances = [self.distances(of_sum) for of_sum in codes]
+        self.advanced = advance(known, self.kept.filter, state.activity, state.paused, distances)
+        after, seen, _, against, found, judged = self.advanced
         self.kept = replace(self.kept, filter=after)
         state = state._replace(
             weight=0 if state.paused else seen.weight, few=seen.few, stands=seen.stands,

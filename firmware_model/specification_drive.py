@@ -256,19 +256,21 @@ def advance_window(
         by_distance = transitions_by_distance(along, driven, per_window, known.jumps)
         weight = min(whole, most_weight(along, driven_whole, per_window))
         seen = seen._replace(weight=weight, looks=[0] * len(seen.looks))
-    against = evidence(of_filter, state, seen, distances)
     steps = [steps_and_jumps(known, seen, gain) for gain in of_filter.gains]
     if by_distance is None:
         predicted = predict(of_filter, state, steps)
     else:
         predicted = predict_by_distance(of_filter, state, by_distance)
+    against = evidence(of_filter, state, seen, distances)
     metrics = add(predicted, against, seen.looks)
     found = best(of_filter, metrics)
     follows = is_reached(known, state.place, found.place, by_distance)
     judged = trust(state, found, against.against[seen.looks[found.gain]][found.place], follows)
     after = state_after(state, seen, against, metrics, found, judged)
     share = 8 * seen.weight // whole if whole and not paused else 8
-    return Window(Advanced(after, seen, against, found, judged), steps, by_distance, share)
+    return Window(
+        Advanced(after, seen, predicted, against, found, judged), steps, by_distance, share
+    )
 
 
 def predict_by_distance(known: FilterMap, state: Filter, by_distance: Edges) -> list[list[int]]:

@@ -31,7 +31,8 @@ enum {
     AT_PLACES_PER_WINDOW,
     AT_RESTART,
     AT_TRUST,
-    AT_ACTIVITY
+    AT_ACTIVITY,
+    AT_GAINS
 };
 
 /* ranges of those that have at most 16 bits */
@@ -40,7 +41,7 @@ static const struct {
     uint8_t least;
     uint16_t most;
 } image_range[] = {
-    {AT_VERSION, 6U, 6U},
+    {AT_VERSION, 7U, 7U},
     {AT_WIDTH, 1U, 32768U},
     {AT_HEIGHT, 1U, 32768U},
     {AT_PIXELS, 1U, 65535U},
@@ -52,8 +53,9 @@ static const struct {
     {AT_WINDOW_KIND, 0U, 1U},
     {AT_TIMESTAMP_BITS, 2U, 32U},
     {AT_PLACES_PER_WINDOW, 0U, 2U},
-    {AT_RESTART, 0U, 1016U},
-    {AT_TRUST, 0U, 368U}};
+    {AT_RESTART, 0U, 120U},
+    {AT_TRUST, 0U, 368U},
+    {AT_GAINS, 0U, 7U}};
 
 /* tables, in the order in which they lie behind the header */
 enum {
@@ -62,7 +64,9 @@ enum {
     TABLE_PLACES,
     TABLE_LEVEL,
     TABLE_MEAN,
+    TABLE_LIMITS,
     TABLE_PLACE_ACTIVITY,
+    TABLE_PLACE_BIAS,
     TABLES
 };
 
@@ -74,51 +78,41 @@ static inline void table_bytes(const uint32_t *image, uint32_t bytes[TABLES])
     bytes[TABLE_PLACES] = image[AT_PLACES] * image[AT_STRIDE];
     bytes[TABLE_LEVEL] = (image[AT_CONTRAST] != 0U) ? (1024U * 2U) : 0U;
     bytes[TABLE_MEAN] = (image[AT_CONTRAST] != 0U) ? (image[AT_PIXELS] * 2U) : 0U;
+    bytes[TABLE_LIMITS] = (image[AT_CONTRAST] != 0U) ? (image[AT_PIXELS] * 2U) : 0U;
     bytes[TABLE_PLACE_ACTIVITY] = (image[AT_PLACES_PER_WINDOW] != 0U) ? (image[AT_PLACES]) : 0U;
+    bytes[TABLE_PLACE_BIAS] = (image[AT_PLACES_PER_WINDOW] != 0U) ? (image[AT_PLACES]) : 0U;
 }
 
-/* Costs of steps with fraction bits, by the activity of the window less that of the
- * place that is reached: a row for each half octave from -6 to 2. */
-#define ROWS 17U
-#define STEPS 4U /* of 0 places on, with one place per window */
+#define COLUMNS 33U /* rows of costs of a step, the highest first */
+#define STEPS 5U /* of 0 places on, with one place per window */
 #define HALF_STEPS 7U /* of 0 places on, with places at half windows */
 
-static const uint8_t activity_costs[ROWS][STEPS] = {
-    {4U, 24U, 47U, 71U},
-    {4U, 22U, 43U, 66U},
-    {4U, 20U, 39U, 61U},
-    {4U, 17U, 36U, 57U},
-    {4U, 15U, 32U, 52U},
-    {4U, 12U, 28U, 48U},
-    {4U, 10U, 24U, 43U},
-    {4U, 7U, 20U, 38U},
-    {4U, 5U, 17U, 34U},
-    {4U, 3U, 13U, 30U},
-    {5U, 1U, 10U, 26U},
-    {7U, 0U, 8U, 22U},
-    {9U, 0U, 6U, 20U},
-    {11U, 0U, 5U, 18U},
-    {15U, 1U, 5U, 17U},
-    {19U, 3U, 5U, 16U},
-    {22U, 4U, 4U, 15U}};
+static const uint8_t whole_costs[STEPS * COLUMNS] = {
+    31U, 31U, 31U, 31U, 31U, 31U, 31U, 31U, 27U, 22U, 19U, 16U, 12U, 9U, 7U, 5U, 4U, 4U, 4U, 4U, 4U,
+    4U, 4U, 4U, 4U, 4U, 4U, 4U, 4U, 4U, 4U, 4U, 4U,
+    5U, 5U, 5U, 5U, 5U, 5U, 5U, 5U, 3U, 2U, 1U, 1U, 0U, 0U, 0U, 2U, 4U, 7U, 10U, 15U, 20U, 26U, 33U,
+    41U, 50U, 60U, 60U, 60U, 60U, 60U, 60U, 60U, 60U,
+    1U, 1U, 1U, 1U, 1U, 1U, 1U, 1U, 1U, 1U, 2U, 4U, 5U, 6U, 8U, 11U, 15U, 19U, 24U, 31U, 38U, 46U,
+    54U, 64U, 74U, 85U, 85U, 85U, 85U, 85U, 85U, 85U, 85U,
+    4U, 4U, 4U, 4U, 4U, 4U, 4U, 4U, 5U, 6U, 8U, 10U, 12U, 15U, 18U, 22U, 26U, 32U, 38U, 45U, 53U,
+    62U, 72U, 82U, 93U, 106U, 106U, 106U, 106U, 106U, 106U, 106U, 106U,
+    6U, 6U, 6U, 6U, 6U, 6U, 6U, 6U, 8U, 10U, 12U, 15U, 18U, 21U, 25U, 29U, 35U, 41U, 48U, 56U, 64U,
+    74U, 84U, 95U, 107U, 120U, 120U, 120U, 120U, 120U, 120U, 120U, 120U};
 
-static const uint8_t half_place_costs[ROWS][HALF_STEPS] = {
-    {4U, 17U, 44U, 63U, 80U, 107U, 120U},
-    {4U, 15U, 39U, 57U, 73U, 100U, 111U},
-    {4U, 14U, 35U, 51U, 67U, 92U, 103U},
-    {4U, 12U, 31U, 45U, 60U, 84U, 95U},
-    {4U, 10U, 26U, 40U, 53U, 77U, 87U},
-    {4U, 8U, 22U, 34U, 46U, 69U, 79U},
-    {4U, 6U, 18U, 28U, 40U, 62U, 70U},
-    {4U, 4U, 14U, 22U, 33U, 54U, 62U},
-    {5U, 3U, 10U, 17U, 27U, 47U, 55U},
-    {5U, 1U, 6U, 11U, 20U, 40U, 46U},
-    {6U, 1U, 2U, 7U, 14U, 33U, 39U},
-    {8U, 1U, 1U, 4U, 10U, 28U, 34U},
-    {12U, 3U, 0U, 2U, 7U, 24U, 29U},
-    {17U, 6U, 1U, 1U, 5U, 22U, 26U},
-    {23U, 11U, 2U, 1U, 4U, 20U, 24U},
-    {30U, 16U, 6U, 3U, 5U, 20U, 23U},
-    {37U, 21U, 8U, 4U, 5U, 20U, 22U}};
+static const uint8_t half_costs[HALF_STEPS * COLUMNS] = {
+    50U, 50U, 50U, 50U, 50U, 50U, 50U, 50U, 43U, 38U, 32U, 27U, 21U, 16U, 12U, 9U, 6U, 5U, 4U, 4U,
+    4U, 4U, 4U, 4U, 4U, 4U, 4U, 4U, 4U, 4U, 4U, 4U, 4U,
+    19U, 19U, 19U, 19U, 19U, 19U, 19U, 19U, 15U, 13U, 10U, 7U, 5U, 3U, 1U, 1U, 1U, 3U, 5U, 8U, 11U,
+    16U, 21U, 27U, 34U, 42U, 42U, 42U, 42U, 42U, 42U, 42U, 42U,
+    6U, 6U, 6U, 6U, 6U, 6U, 6U, 6U, 5U, 3U, 2U, 1U, 0U, 0U, 0U, 2U, 4U, 7U, 10U, 15U, 20U, 26U, 33U,
+    41U, 50U, 60U, 60U, 60U, 60U, 60U, 60U, 60U, 60U,
+    2U, 2U, 2U, 2U, 2U, 2U, 2U, 2U, 1U, 1U, 1U, 1U, 1U, 1U, 3U, 5U, 8U, 12U, 17U, 22U, 28U, 36U,
+    44U, 52U, 62U, 73U, 73U, 73U, 73U, 73U, 73U, 73U, 73U,
+    1U, 1U, 1U, 1U, 1U, 1U, 1U, 1U, 1U, 1U, 2U, 3U, 3U, 5U, 7U, 10U, 13U, 18U, 23U, 29U, 36U, 44U,
+    53U, 62U, 73U, 84U, 84U, 84U, 84U, 84U, 84U, 84U, 84U,
+    1U, 1U, 1U, 1U, 1U, 1U, 1U, 1U, 2U, 3U, 4U, 5U, 6U, 8U, 11U, 14U, 18U, 23U, 29U, 36U, 44U, 52U,
+    61U, 71U, 82U, 94U, 94U, 94U, 94U, 94U, 94U, 94U, 94U,
+    1U, 1U, 1U, 1U, 1U, 1U, 1U, 1U, 2U, 4U, 5U, 7U, 8U, 11U, 14U, 17U, 22U, 28U, 34U, 41U, 49U, 58U,
+    68U, 78U, 89U, 102U, 102U, 102U, 102U, 102U, 102U, 102U, 102U};
 
 #endif

@@ -13,8 +13,11 @@
 #define ROW_SHIFT 16U
 #define ROW_MASK 0x7FFFU
 #define POLARITY_BITS 1U /* that an entry of the look-up has not */
+#define BIAS_MAX 255U /* added to the distance of a place */
+#define SEVERAL 7U    /* gains */
 #define CONTRAST_COUNT_MAX 1023U /* at which counters of contrast codes saturate */
 #define LEVEL_MAX 2560U           /* its logarithm in units of 1/256 octave */
+#define BEFORE 3U /* windows of which counts are kept, with seven gains */
 #define LEVEL_FRACTION_BITS 8U
 #define LEVEL_HALF 128U
 #define MEAN_FRACTION_BITS 8U
@@ -63,10 +66,13 @@ static uint32_t rounded_up(uint32_t bytes)
 static bool adaptive_within_limits(const uint32_t *image)
 {
     const bool filters = image[AT_PLACES_PER_WINDOW] != 0U;
-    const uint32_t of_filter = image[AT_RESTART] | image[AT_TRUST];
+    const bool contrast = image[AT_CONTRAST] != 0U;
+    const uint32_t of_filter = image[AT_RESTART] | image[AT_TRUST] | image[AT_GAINS];
     const uint32_t activity_max =
-        (filters || (image[AT_CONTRAST] != 0U)) ? (EVENTS_TOP << ACTIVITY_FRACTION_BITS) : 0U;
-    return (filters ? (image[AT_LENGTH] == 1U) : (of_filter == 0U)) &&
+        (filters || contrast) ? (EVENTS_TOP << ACTIVITY_FRACTION_BITS) : 0U;
+    const bool gains = (image[AT_GAINS] == 1U) || ((image[AT_GAINS] == SEVERAL) && contrast &&
+                                                   (image[AT_WINDOW_KIND] == 0U));
+    return (filters ? ((image[AT_LENGTH] == 1U) && gains) : (of_filter == 0U)) &&
            (image[AT_ACTIVITY] <= activity_max);
 }
 
@@ -82,7 +88,8 @@ static bool within_limits(const uint32_t *image)
     }
     const uint32_t slots = image[AT_PIXELS];
     const uint32_t depth = image[AT_LOOKUP_DEPTH];
-    const uint32_t distance_max = slots * ((1U << image[AT_CODE_BITS]) - 1U);
+    const uint32_t distance_max = (slots * ((1U << image[AT_CODE_BITS]) - 1U)) +
+                                  ((image[AT_PLACES_PER_WINDOW] != 0U) ? BIAS_MAX : 0U);
     /* by time, windows are shorter than half the clock's period */
     const uint32_t windows = (image[AT_WINDOW_KIND] == 0U)
                                  ? (((uint32_t)1U << (image[AT_TIMESTAMP_BITS] - 1U)) - 1U)
@@ -172,7 +179,8 @@ static bool lookup_sound(const vpr_design_t *d, uint32_t width, uint32_t pixels)
 static bool levels_sound(const vpr_design_t *d)
 {
     return !d->contrast || (words_at_most(d->level, d->count_max + 1U, LEVEL_MAX) &&
-                            words_at_most(d->mean, d->slots, LEVEL_MAX));
+                            words_at_most(d->mean, d->slots, LEVEL_MAX) &&
+                            words_at_most(d->limit, d->slots, CONTRAST_COUNT_MAX));
 }
 
 /* Whether no place has a code beyond the largest, and padding that is not zero. */
@@ -203,7 +211,9 @@ ONCE bool vpr_open(vpr_design_t *d, const uint32_t *image, uint32_t image_bytes)
     d->lookup = (const vpr_entry_t *)(const void *)&bytes[at[TABLE_LOOKUP]];
     d->level = (const uint16_t *)(const void *)&bytes[at[TABLE_LEVEL]];
     d->place_activity = (const int8_t *)(const void *)&bytes[at[TABLE_PLACE_ACTIVITY]];
+    d->place_bias = &bytes[at[TABLE_PLACE_BIAS]];
     d->mean = (const uint16_t *)(const void *)&bytes[at[TABLE_MEAN]];
+    d->limit = (const uint16_t *)(const void *)&bytes[at[TABLE_LIMITS]];
     d->places = &bytes[at[TABLE_PLACES]];
     d->height = image[AT_HEIGHT];
     d->lookup_mask = image[AT_LOOKUP_DEPTH] - 1U;
@@ -222,6 +232,9 @@ ONCE bool vpr_open(vpr_design_t *d, const uint32_t *image, uint32_t image_bytes)
     d->steps = (image[AT_PLACES_PER_WINDOW] == 0U)
                    ? 0U
                    : ((image[AT_PLACES_PER_WINDOW] == 1U) ? STEPS : HALF_STEPS);
+    d->gains = image[AT_GAINS];
+    d->sums = (d->gains > 1U) ? SUMS : 1U;
+    d->lane_shift = (d->gains > 1U) ? LANES_SHIFT : 0U;
     d->restart = image[AT_RESTART];
     d->trust = image[AT_TRUST];
     d->activity = image[AT_ACTIVITY];
@@ -230,32 +243,57 @@ ONCE bool vpr_open(vpr_design_t *d, const uint32_t *image, uint32_t image_bytes)
            lookup_sound(d, image[AT_WIDTH], image[AT_PIXELS]) && levels_sound(d) && places_sound(d);
 }
 
+/* Bytes of each array of the state, in the order in which they lie in the RAM. */
+typedef struct {
+    uint32_t query;
+    uint32_t counts;
+    uint32_t before;
+    uint32_t kept;     /* metrics, or the history of sequences */
+    uint32_t searched; /* distances, or the delay line of sequences */
+    uint32_t mean;
+} arrays_t;
+
+static arrays_t arrays_of(const vpr_design_t *d)
+{
+    const bool filters = d->steps != 0U;
+    arrays_t bytes;
+    bytes.query = d->sums * d->stride;
+    bytes.counts = rounded_up(d->slots * 2U);
+    bytes.before = (d->gains > 1U) ? rounded_up(d->slots * 2U * BEFORE) : 0U;
+    bytes.kept = rounded_up(filters ? (d->place_count << d->lane_shift)
+                                    : (d->length * d->place_count * 2U));
+    bytes.searched =
+        rounded_up(filters ? (d->place_count * 2U) : ((d->exclusion + 1U) * 4U));
+    bytes.mean = d->contrast ? rounded_up(d->sums * d->slots * 4U) : 0U;
+    return bytes;
+}
+
 uint32_t vpr_ram_bytes(const vpr_design_t *d)
 {
-    /* of the filter, a metric takes the room of a sequence of 1, and distances are kept where
-     * sequences have the delay line */
-    return d->stride + rounded_up(d->slots * 2U) + rounded_up(d->length * d->place_count * 2U) +
-           rounded_up((d->steps != 0U) ? (d->place_count * 2U) : ((d->exclusion + 1U) * 4U)) +
-           (d->contrast ? rounded_up(d->slots * 4U) : 0U);
+    const arrays_t bytes = arrays_of(d);
+    return bytes.query + bytes.counts + bytes.before + bytes.kept + bytes.searched + bytes.mean;
 }
 
 /* Cut one block into the arrays of the state. */
 static void place_arrays(const vpr_design_t *d, vpr_state_t *s, uint32_t *ram)
 {
     /* MISRA deviation 11.3: the arrays are aligned */
-    uint8_t *const bytes = (uint8_t *)ram;
-    uint32_t at = 0U;
-    s->query = &bytes[at];
-    at += d->stride;
-    s->counts = (uint16_t *)(void *)&bytes[at];
-    at += rounded_up(d->slots * 2U);
-    s->history = (uint16_t *)(void *)&bytes[at];
-    at += rounded_up(d->length * d->place_count * 2U);
-    s->metric = s->history;
-    s->delay = (uint32_t *)(void *)&bytes[at];
-    s->distance = (uint16_t *)(void *)&bytes[at];
-    at += rounded_up((d->steps != 0U) ? (d->place_count * 2U) : ((d->exclusion + 1U) * 4U));
-    s->mean = (uint32_t *)(void *)&bytes[at];
+    const arrays_t of = arrays_of(d);
+    uint8_t *at = (uint8_t *)ram;
+    s->query = at;
+    at = &at[of.query];
+    s->counts = (uint16_t *)(void *)at;
+    at = &at[of.counts];
+    s->before = (uint16_t *)(void *)at;
+    at = &at[of.before];
+    s->history = (uint16_t *)(void *)at;
+    s->metric = at;
+    s->bank = (uint32_t *)(void *)at;
+    at = &at[of.kept];
+    s->delay = (uint32_t *)(void *)at;
+    s->distance = (uint16_t *)(void *)at;
+    at = &at[of.searched];
+    s->mean = (uint32_t *)(void *)at;
 }
 
 ONCE void vpr_reset(const vpr_design_t *d, vpr_state_t *s, uint32_t *ram, uint32_t start)
@@ -263,13 +301,19 @@ ONCE void vpr_reset(const vpr_design_t *d, vpr_state_t *s, uint32_t *ram, uint32
     place_arrays(d, s, ram);
     s->checksum = d->checksum;
 
-    /* the padding of the query must be zero as that of the places is; the rest is written
-     * before it is read, or means nothing: no metric is below the limit of the first window, 0 */
-    for (uint32_t i = 0U; i < d->stride; i++) {
+    /* the padding of the query must be zero as that of the places is, and in the first window a
+     * metric must be what the restart leads to; the rest is written before it is read */
+    for (uint32_t i = 0U; i < (d->sums * d->stride); i++) {
         s->query[i] = 0U;
     }
     for (uint32_t i = 0U; i < d->slots; i++) {
         s->counts[i] = 0U;
+    }
+    for (uint32_t i = 0U; (d->gains > 1U) && (i < (d->slots * BEFORE)); i++) {
+        s->before[i] = 0U;
+    }
+    for (uint32_t i = 0U; (d->steps != 0U) && (i < (d->place_count << d->lane_shift)); i++) {
+        s->metric[i] = 0U;
     }
     /* by count, all times are scaled to 0 */
     s->window_end = (d->tau != 0U) ? ((start * d->time_scale) + d->tau) : 1U;
@@ -282,14 +326,23 @@ ONCE void vpr_reset(const vpr_design_t *d, vpr_state_t *s, uint32_t *ram, uint32
     s->paused = false;
     s->mean_shift = FIRST_SHIFT;
     s->mean_windows = 1U << FIRST_SHIFT;
-    s->reciprocal = 0U;
+    for (uint32_t i = 0U; i < SUMS; i++) {
+        s->reciprocal[i] = 0U;
+    }
     s->least = 0U;
     s->place = VPR_NONE;
+    s->gain = 0U;
+    s->few = 0U;
+    s->speed = (uint32_t)LOG_TOP << SPEED_BITS;
+    s->moved = 0U;
     s->support = 0U;
+    s->age = 0U;
     s->residual = 0U;
     s->residual_before = 0U;
-    for (uint32_t i = 0U; d->contrast && (i < d->slots); i++) {
-        s->mean[i] = (uint32_t)d->mean[i] << MEAN_FRACTION_BITS;
+    for (uint32_t sum = 0U; d->contrast && (sum < d->sums); sum++) {
+        for (uint32_t i = 0U; i < d->slots; i++) {
+            s->mean[(sum * d->slots) + i] = (uint32_t)d->mean[i] << MEAN_FRACTION_BITS;
+        }
     }
 }
 
@@ -375,46 +428,75 @@ uint32_t vpr_time(const vpr_design_t *d, const vpr_state_t *s, uint32_t t)
     return (late <= HALF_PERIOD) ? (quotient(late, d->tau) + 1U) : 0U;
 }
 
-static uint32_t rounded_mean(const vpr_state_t *s, uint32_t slot)
+static uint32_t rounded(uint32_t mean)
 {
-    return (s->mean[slot] + MEAN_HALF) >> MEAN_FRACTION_BITS;
+    return (mean + MEAN_HALF) >> MEAN_FRACTION_BITS;
 }
 
-/* Mean over the window of the logarithms less their counters' means, rounded, of a design with contrast codes. No
- * logarithm is below its mean by more than LEVEL_MAX, which is added. */
-static uint32_t window_mean(const vpr_design_t *d, const vpr_state_t *s)
+/* The logarithm of a count of the open window, or of its sum with the one or the three before. */
+static uint32_t level_of(const vpr_design_t *d, const vpr_state_t *s, uint32_t sum, uint32_t slot)
 {
-    uint32_t sum = 0U;
-    for (uint32_t i = 0U; i < d->slots; i++) {
-        sum += (d->level[s->counts[i]] + LEVEL_MAX) - rounded_mean(s, i);
+    uint32_t count = s->counts[slot];
+    const uint32_t windows = (sum == 2U) ? BEFORE : sum;
+    for (uint32_t i = 0U; i < windows; i++) {
+        count += s->before[(i * d->slots) + slot];
     }
-    return quotient((sum * 2U) + d->slots, d->slots * 2U);
+    return d->level[lesser(count, CONTRAST_COUNT_MAX)];
 }
 
-/* Code each count against the running mean of its counter and the mean of the window; move the running
- * means unless the window is a pause. */
-static void contrast_codes(const vpr_design_t *d, vpr_state_t *s)
+/* Mean over the window of the logarithms less their counters' means, rounded, of a sum. No logarithm
+ * is below its mean by more than LEVEL_MAX, which is added. */
+static uint32_t window_mean(const vpr_design_t *d, const vpr_state_t *s, uint32_t sum)
+{
+    const uint32_t *const means = &s->mean[sum * d->slots];
+    uint32_t total = 0U;
+    for (uint32_t i = 0U; i < d->slots; i++) {
+        total += (level_of(d, s, sum, i) + LEVEL_MAX) - rounded(means[i]);
+    }
+    return quotient((total * 2U) + d->slots, d->slots * 2U);
+}
+
+/* Code each count of a sum against the running mean of its counter and the mean of the window; move
+ * the running means unless the window is a pause. */
+static void code_sum(const vpr_design_t *d, vpr_state_t *s, uint32_t sum)
 {
     const uint32_t code_max = d->code_max;
     /* codes have no sign: half of their range is added */
     const uint32_t half = (((code_max + 1U) / 2U) << LEVEL_FRACTION_BITS) + LEVEL_HALF + LEVEL_MAX;
-    const uint32_t of_window = window_mean(d, s);
-    const uint32_t shift = s->mean_shift;
-    const uint16_t *const levels = d->level;
+    const uint32_t of_window = window_mean(d, s, sum);
+    uint32_t *const means = &s->mean[sum * d->slots];
+    uint8_t *const query = &s->query[sum * d->stride];
     for (uint32_t i = 0U; i < d->slots; i++) {
-        const uint32_t level = levels[s->counts[i]];
-        const uint32_t mean = rounded_mean(s, i) + of_window;
+        const uint32_t level = level_of(d, s, sum, i);
+        const uint32_t mean = rounded(means[i]) + of_window;
         const uint32_t above = level + half;
         const uint32_t octaves = ((above > mean) ? (above - mean) : 0U) >> LEVEL_FRACTION_BITS;
-        s->query[i] = (uint8_t)lesser(octaves, code_max);
-        s->counts[i] = 0U;
+        query[i] = (uint8_t)lesser(octaves, code_max);
         if (!s->paused) {
-            s->mean[i] = moved(s->mean[i], level << MEAN_FRACTION_BITS, shift);
+            means[i] = moved(means[i], level << MEAN_FRACTION_BITS, s->mean_shift);
         }
     }
-    if (!s->paused && (shift < LAST_SHIFT)) {
+}
+
+/* Code all sums. */
+static void contrast_codes(const vpr_design_t *d, vpr_state_t *s)
+{
+    for (uint32_t sum = 0U; sum < d->sums; sum++) {
+        code_sum(d, s, sum);
+    }
+    if (!s->paused && (s->mean_shift < LAST_SHIFT)) {
         s->mean_windows++;
-        s->mean_shift = (s->mean_windows < (2U << shift)) ? shift : (shift + 1U);
+        if (s->mean_windows == (2U << s->mean_shift)) {
+            s->mean_shift++;
+        }
+    }
+    if (d->gains > 1U) {
+        for (uint32_t i = d->slots * (BEFORE - 1U); i > 0U; i--) {
+            s->before[i - 1U + d->slots] = s->before[i - 1U];
+        }
+        for (uint32_t i = 0U; i < d->slots; i++) {
+            s->before[i] = s->counts[i];
+        }
     }
 }
 
@@ -438,16 +520,26 @@ static uint32_t event_log(uint32_t events)
     return found + above;
 }
 
+/* The events of the open window that count: of contrast codes, no pixel gives more than its limit. */
+static uint32_t counted_events(const vpr_design_t *d, const vpr_state_t *s)
+{
+    uint32_t counted = d->contrast ? 0U : (d->budget - s->left);
+    for (uint32_t i = 0U; d->contrast && (i < d->slots); i++) {
+        counted += lesser(s->counts[i], d->limit[i]);
+    }
+    return lesser(counted, EVENTS_TOP);
+}
+
 /* Compute the activity of the open window, whether it is a pause, and the mean number of events with
  * it. A pause has at most `below` / 2048, rounded down: less than 1/8 of the mean number. */
 static void take_activity(const vpr_design_t *d, vpr_state_t *s)
 {
-    const uint32_t counted = d->budget - s->left;
-    const uint32_t events = (counted < EVENTS_TOP) ? counted : EVENTS_TOP;
+    const uint32_t events = counted_events(d, s);
+    const uint32_t mean = (d->gains > 1U) ? d->activity : s->mean_activity;
     const uint32_t below = (s->mean_activity > 0U) ? (s->mean_activity - 1U) : 0U; /* without events: it does */
     s->activity = (events == 0U) ? LEAST_ACTIVITY
                                  : ((int32_t)event_log(events) -
-                                    (int32_t)event_log(s->mean_activity >> ACTIVITY_FRACTION_BITS));
+                                    (int32_t)event_log(mean >> ACTIVITY_FRACTION_BITS));
     s->paused = events <= (below >> PAUSE_BITS);
     if (s->paused) {
         s->mean_activity -= (s->mean_activity + PAUSE_DECAY_MOST) >> PAUSE_DECAY_BITS;
@@ -461,11 +553,12 @@ void vpr_window_end(const vpr_design_t *d, vpr_state_t *s)
     take_activity(d, s);
     if (d->contrast) {
         contrast_codes(d, s);
-    } else {
-        for (uint32_t i = 0U; i < d->slots; i++) {
+    }
+    for (uint32_t i = 0U; i < d->slots; i++) {
+        if (!d->contrast) {
             s->query[i] = (uint8_t)s->counts[i];
-            s->counts[i] = 0U;
         }
+        s->counts[i] = 0U;
     }
     s->window_end += d->tau;
     s->left = d->budget; /* by time: 0, which becomes 0 again after 2^32 events only */

@@ -54,6 +54,10 @@ typedef struct {
     const uint8_t *places; /* [place_count][stride]: codes 0 to code_max, padded with zeros */
     const int8_t *place_activity; /* [place_count], of the filter: 1/16 octave, -128 to 127; from the
                                      reference drive. 0 everywhere if its speed is not known */
+    const uint8_t *place_bias; /* [place_count], of the filter: added to distances, 0 to 255; from the
+                                  map. 0 everywhere if it is not known */
+    const uint16_t *limit; /* [slots], of contrast codes: most events that count in a window, 0 to 1023;
+                              from the map. 1023 everywhere counts all */
     const uint16_t *mean; /* [slots], of contrast codes: first running means, 0 to 2560; from the map */
     uint32_t height;      /* rows of the sensor, 1 to 32768 */
     uint32_t lookup_mask; /* entries of the look-up less 1: a power of two up to 65536, less 1 */
@@ -74,14 +78,17 @@ typedef struct {
     uint32_t largest_sum; /* largest accepted sum of a sequence, 0 to 2^32 - 1: 2^32 - 1 accepts all;
                              choose it on a drive with ground truth */
     uint32_t code_max;    /* 1, 3, 7 ... 255: 7 (3 bits) suits contrast codes */
-    uint32_t steps;       /* of 0, 1 ... places that have a cost, of the filter: 4, or 7 with two
+    uint32_t steps;       /* of 0, 1 ... places that have a cost, of the filter: 5, or 7 with two
                              places per window. 0: sequences */
-    uint32_t restart; /* cost of jumping to any place (kidnapped robot), in 1/4, 0 to 1016: 64 suits
+    uint32_t gains;       /* of the camera, of the filter: 1 or 7 */
+    uint32_t sums;        /* of newest windows that have codes: 1, or 3 with seven gains */
+    uint32_t lane_shift;  /* 2^lane_shift bytes of metrics a place */
+    uint32_t restart; /* cost of jumping to any place (kidnapped robot), in 1/4, 0 to 120: 64 suits
                          most routes, 0 matches every window alone */
     uint32_t trust;   /* least accepted trust of the filter, 0 to 368: 0 accepts every match with a
                          second best; choose it on a drive with ground truth */
-    uint32_t activity; /* mean selected events of a window at first, in 1/256, 0 to 2^31 - 257: that of
-                          the reference drive. 0: no window is a pause before events arrive */
+    uint32_t activity; /* mean events that count of a window of the reference drive, in 1/256, 0 to
+                          2^31 - 257. 0: no window is a pause before events arrive */
     bool contrast;     /* contrast codes: logarithms less the means of their counters and of their
                           window, for light and speed that differ; else counts */
     uint32_t checksum; /* of the image */
@@ -90,7 +97,8 @@ typedef struct {
 /* State, written by the functions below alone; its arrays lie in the block of RAM. */
 typedef struct {
     uint16_t *counts;     /* [slots]: 0 to count_max */
-    uint8_t *query;       /* [stride]: codes of the window that ended last */
+    uint16_t *before;     /* [3][slots], of seven gains: counts of the last three windows, newest first */
+    uint8_t *query;       /* [sums][stride]: codes of the window that ended last, or of sums with it */
     uint16_t *history;    /* [length][place_count]: distances of the last windows, a ring */
     uint32_t *delay;      /* [exclusion + 1]: sums still within the exclusion zone, a ring */
     uint32_t window_end;  /* of the open window, scaled */
@@ -98,19 +106,27 @@ typedef struct {
     uint32_t windows;     /* that have ended, modulo 2^32 */
     uint32_t seen;        /* the same, at most length */
     uint32_t newest;      /* row of history, 0 to length - 1 */
-    uint32_t mean_activity; /* events of a window, in 1/256, 0 to 2^31 - 257 */
-    int32_t activity;     /* of the window that ended last, against that: 1/16 octave, -368 to 368 */
+    uint32_t mean_activity; /* events that count of a window, in 1/256, 0 to 2^31 - 257 */
+    int32_t activity;     /* of the window that ended last, against that or, with seven gains, against
+                             the design's: 1/16 octave, -368 to 368 */
     bool paused;          /* that window had hardly any events */
-    uint32_t *mean;       /* [slots], of contrast codes: running mean of the logarithm, in 1/65536
+    uint32_t *mean;       /* [sums][slots], of contrast codes: running mean of the logarithm, in 1/65536
                              octave, 0 to 2560 * 256 */
     uint32_t mean_shift;  /* a running mean moves by 1/2^mean_shift of the difference, 4 to 8 */
     uint32_t mean_windows; /* windows that moved them, plus 16, until mean_shift is 8 */
-    uint16_t *metric;     /* [place_count], of the filter: 0 to 1023 */
-    uint16_t *distance;   /* [place_count], of the filter: of the newest window that was no pause */
-    uint32_t reciprocal;  /* of the spread of the window before, in 1/65536, 1 to 65536; 0: none yet */
-    uint32_t least;       /* metric, 0 to 1023 */
-    uint32_t place;       /* of the match before, or VPR_NONE */
-    uint32_t support;     /* of that match, 0 to 368 */
+    uint8_t *metric;      /* [place_count], of the filter: 0 to 127. Of seven gains [place_count][8] */
+    uint32_t *bank;       /* the same as words: [place_count][2] */
+    uint16_t *distance;   /* [place_count], of the filter: of the last sum that was compared */
+    uint32_t reciprocal[3]; /* of each sum, of the spread of the window before, in 1/65536, 1 to 65536;
+                               0: it has none */
+    uint32_t least;       /* metric, 0 to 127 */
+    uint32_t place;       /* best place of the window before, or VPR_NONE */
+    uint32_t gain;        /* of its metric, half octaves from -32/16 on, 0 to 6 */
+    uint32_t few;         /* windows with few events in a row, 0 to 3: the robot stands */
+    uint32_t speed;       /* mean activity of the drive plus 368, in 1/256 octave, 0 to 11776 */
+    uint32_t moved;       /* windows that moved it, 0 to 63 */
+    uint32_t support;     /* of the match before, 0 to 368 */
+    uint32_t age;         /* windows in which the best place followed, 0 to 8 */
     uint32_t residual;    /* evidence against that match, 0 to 255; from 23 on, no trust is left */
     uint32_t residual_before; /* evidence against the match before that one, 0 to 255 */
     uint32_t checksum;    /* of the image of the design that it belongs to */
@@ -123,8 +139,9 @@ typedef enum {
 
 typedef struct {
     uint32_t window;     /* number of the window that ended last, from 0 */
-    uint32_t place;      /* best place, 0 to place_count - 1; of a sequence where it ends */
-    uint32_t sum;        /* distance of the whole sequence; of the filter the metric, 0 to 1023 */
+    uint32_t place;      /* best place, 0 to place_count - 1; of a sequence where it ends; of the filter
+                            the middle of the places near the best */
+    uint32_t sum;        /* distance of the whole sequence; of the filter the metric, 0 to 127 */
     uint32_t second;     /* best place outside the exclusion zone, or VPR_NONE */
     uint32_t second_sum; /* its sum, or VPR_NONE */
     uint32_t ties;       /* further places with the sum of the best */

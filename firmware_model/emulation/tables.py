@@ -10,9 +10,10 @@ from __future__ import annotations
 import argparse
 import struct
 import sys
+from textwrap import fill
 
 from firmware_model.image import HEADER_WORDS, MAGIC, Table, Word
-from fixedpoint.activity import ACTIVITY_COSTS, COSTS_BY_ACTIVITY
+from fixedpoint.activity import BANK_COSTS, GAINS, SAME_ROW
 
 _HEAD = """\
 /* Layout of the image, and costs of steps. Written by `python -m firmware_model.emulation.tables`:
@@ -23,7 +24,9 @@ _HEAD = """\
 #include <stdint.h>
 
 """
-_NAMES = {1: ("STEPS", "activity_costs"), 2: ("HALF_STEPS", "half_place_costs")}
+_NAMES = {1: ("STEPS", "whole_costs"), 2: ("HALF_STEPS", "half_costs")}
+#: gains of a place in memory: a word more than one is not used
+_LANES = len(GAINS) + 1
 _WHAT = {1: "with one place per window", 2: "with places at half windows"}
 
 
@@ -84,20 +87,27 @@ def _size(table: Table) -> str:
 
 
 def _step_costs() -> str:
-    """Return the costs of steps, with fraction bits."""
-    parts = [
-        "/* Costs of steps with fraction bits, by the activity of the window less that of the\n"
-        " * place that is reached: a row for each half octave from -6 to 2. */\n",
-        f"#define ROWS {len(ACTIVITY_COSTS)}U\n",
-    ]
-    for number, rows in COSTS_BY_ACTIVITY.items():
+    """Return the costs of steps, with fraction bits.
+
+    Those of a step stand together, the highest row first, so that those of the gains of a place
+    are neighbours: a gain of half an octave more is the next row.
+    """
+    highest = len(BANK_COSTS[1]) - 1 - SAME_ROW
+    # of the lowest gain in the first column; with the last lane in the highest row
+    first = highest + _LANES - 1
+    columns = first + SAME_ROW + _LANES
+    parts = [f"#define COLUMNS {columns}U /* rows of costs of a step, the highest first */\n"]
+    for number, rows in BANK_COSTS.items():
         size, name = _NAMES[number]
         parts.append(f"#define {size} {len(rows[0])}U /* of 0 places on, {_WHAT[number]} */\n")
-    for number, rows in COSTS_BY_ACTIVITY.items():
+    for number, rows in BANK_COSTS.items():
         size, name = _NAMES[number]
-        lines = ("    {" + ", ".join(f"{cost}U" for cost in row) + "}" for row in rows)
-        body = ",\n".join(lines)
-        parts.append(f"\nstatic const uint8_t {name}[ROWS][{size}] = {{\n{body}}};\n")
+        order = [min(max(first - c, -SAME_ROW), highest) + SAME_ROW for c in range(columns)]
+        steps = [", ".join(f"{rows[row][i]}U" for row in order) for i in range(len(rows[0]))]
+        indent = " " * 4
+        body = ",\n".join(fill(step, 100, initial_indent=indent, subsequent_indent=indent)
+                          for step in steps)  # fmt: skip
+        parts.append(f"\nstatic const uint8_t {name}[{size} * COLUMNS] = {{\n{body}}};\n")
     return "".join(parts)
 
 

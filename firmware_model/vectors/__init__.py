@@ -3,8 +3,9 @@
 from firmware_model.vectors.board import Returned, run_on_board
 from firmware_model.vectors.case import Case, from_binary, in_order, records, to_binary
 from firmware_model.vectors.corners import corner_cases
-from firmware_model.vectors.coverage import CORNERS, FILTER_CORNERS, coverage
-from firmware_model.vectors.filter_corners import filter_cases
+from firmware_model.vectors.coverage import CORNERS, coverage
+from firmware_model.vectors.facts import FILTER_CORNERS
+from firmware_model.vectors.filter_suite import filter_cases
 from firmware_model.vectors.manifest import Manifest, check_files, load_manifest
 from firmware_model.vectors.random_cases import random_cases
 from firmware_model.vectors.suite import (

@@ -216,10 +216,11 @@ def window_codes(memories: Memories, events: Iterable[Event], start: int) -> lis
     """Return the codes of each window that events end."""
     # matching is the quickest by sequences of one window, to one place
     design = replace(
-        memories.design, matching="sequence", length=1, places=1, trust=0, places_per_window=1
-    )
+        memories.design, matching="sequence", length=1, places=1, trust=0, places_per_window=1,
+        gains=1,
+    )  # fmt: skip
     memories = replace(
-        memories, design=design, places=memories.places[:1], place_activity=(),
+        memories, design=design, places=memories.places[:1], place_activity=(), place_bias=(),
         activity=memories.activity if design.contrast else 0,
     )  # fmt: skip
     return [window.codes for window in trace(memories, events, start).windows]

@@ -30,8 +30,9 @@ def corner_cases(design: Design) -> list[Case]:
         # places with room for a sequence; their number is replaced below
         places = design.places + LENGTH
         design = replace(
-            design, matching="sequence", length=0, trust=0, places=places, places_per_window=1
-        )
+            design, matching="sequence", length=0, trust=0, places=places, places_per_window=1,
+            gains=1,
+        )  # fmt: skip
     design = replace(design, code="counts", places=_roomy(design))
     return [*event_cases(design), *match_cases(design), _half_a_period_late(design)]
 
@@ -48,13 +49,6 @@ def event_cases(design: Design) -> list[Case]:
     """Make the corner cases of events and windows."""
     cases = [_event_case(name, variant) for name, variant in _event_designs(design).items()]
     return [*cases, _many_windows(_event_designs(design)["events_by_time"])]
-
-
-def adaptive_event_cases(design: Design) -> list[Case]:
-    """Make the corner cases of events and windows that a filter or contrast codes change."""
-    names = ("events_by_time", "events_by_count", "one_place", "narrow_clock")
-    designs = _event_designs(design)
-    return [_event_case(f"adaptive_{name}", designs[name]) for name in names]
 
 
 def _event_designs(design: Design) -> dict[str, Design]:

@@ -4,36 +4,11 @@ from __future__ import annotations
 
 from collections import Counter
 
-from firmware_model.design import (
-    ACTIVITY_FRACTION_BITS,
-    EVIDENCE_TOP,
-    FRACTION_BITS,
-    LEVELS,
-    MARGIN_TOP,
-    METRIC_TOP,
-    RECIPROCAL_FRACTION_BITS,
-    RESIDUAL_TOP,
-    TRUST_FRACTION_BITS,
-    Design,
-)
+from firmware_model.design import Design
 from firmware_model.memories import Lookup
-from firmware_model.specification import (
-    Event,
-    Machine,
-    MatchResult,
-    Trace,
-    WindowResult,
-    differences_of,
-    evidence_of,
-    mean_shift,
-    row_of,
-    spread_of,
-    weight_of,
-    window_mean,
-)
+from firmware_model.specification import Event, Machine, MatchResult, Trace, WindowResult
 from firmware_model.vectors.case import Case
-from fixedpoint.activity import ACTIVITY_COSTS, PAUSE_SHIFT, SAME_ROW
-from fixedpoint.own_mean import FIRST_SHIFT, LEVEL_FRACTION_BITS, MEAN_FRACTION_BITS
+from firmware_model.vectors.facts import FILTER_CORNERS, Facts
 
 #: name of each corner, and what is counted as one occurrence of it
 CORNERS = {
@@ -60,6 +35,7 @@ CORNERS = {
     "full_window": "a window that ends with its last event",
     "all_equal_counts": "a window with the same count, not zero, in every counter",
     "window_above_255": "a window with a number above 255",
+    "narrow_clock": "a window longer than a ninth of the clock's period",
     "incomplete_sequence": "a window before which there were fewer than L - 1",
     "zero_distance": "a place at distance zero",
     "largest_distance": "a place at the largest distance that there can be",
@@ -105,7 +81,7 @@ def watched_trace(case: Case) -> tuple[Trace, dict[str, int]]:
     machine, lookup = Machine(case.memories, case.start), case.memories.lookup()
     corners = CORNERS | FILTER_CORNERS if case.design.pauses else CORNERS
     found: Counter[str] = Counter(dict.fromkeys(corners, 0))
-    filtered = FilterCoverage(machine, found)
+    facts = Facts(machine, found)
     before: list[int | None] = [None, None]
     rows: list[list[int]] = []
     for event in case.events:
@@ -119,9 +95,9 @@ def watched_trace(case: Case) -> tuple[Trace, dict[str, int]]:
                 distances = machine.distances(result.codes)
                 rows = [distances, *rows[: case.design.length - 1]]
                 _see_distances(case.design, distances, found)
-                filtered.see_window(result, distances)
+                facts.see_window()
             elif isinstance(result, MatchResult) and case.design.filters:
-                filtered.see_match(result)
+                facts.see_match(result)
             elif isinstance(result, MatchResult):
                 _see_match(case.design, result, rows, found)
         found["gap"] += ended >= 3
@@ -176,6 +152,7 @@ def _see_window(machine: Machine, window: WindowResult, found: Counter[str]) -> 
     found["full_window"] += machine.counted == design.window_events and design.window == "count"
     found["all_equal_counts"] += counts[0] > 0 and len(set(counts)) == 1 and len(counts) > 1
     if design.window == "time":
+        found["narrow_clock"] += 9 * design.tau_us > 1 << design.timestamp_bits
         found["clock_wrapped"] += machine.end < design.tau_us
     found["window_above_255"] += window.number > 255
     found["incomplete_sequence"] += window.number + 1 < design.length
@@ -216,220 +193,3 @@ def _see_match(
     found["nearer_in_the_zone"] += min(inside, default=match.second_sum) < match.second_sum
     left = match.second < match.place
     found["second_on_the_left" if left else "second_on_the_right"] += 1
-
-
-# Corners of the place filter and of contrast codes.
-
-
-#: bits of mean numbers of events that no window of a small case has
-LARGE_MEANS = range(19, 24)
-#: name of each corner, and what is counted as one occurrence of it
-FILTER_CORNERS = {
-    "first_window": "a first window that does not pause: its evidence is scaled by its own spread",
-    "first_window_pauses": "a first window that pauses",
-    "pause": "a window that pauses, and is not the first",
-    "pause_with_events": "a window that pauses though it has events at selected pixels",
-    "long_pause": "a window that pauses behind one that pauses",
-    "pause_at_threshold": "a pause that would be none with a mean activity lower by 1/256 event",
-    "pause_by_two": "a pause that would be none with a mean activity lower by 2/256 event",
-    "pause_by_eight_events": "a pause that would be none with a mean activity lower by 8 events",
-    "busy_at_threshold": "no pause, and would be one with a mean activity higher by 1/256 event",
-    **{f"weight_{n}": f"a window whose evidence has {n}/8 of its weight" for n in range(9)},
-    **{
-        f"{half}costs_{n}": f"a place that is reached for the costs of row {n}{at_half}, not in "
-        "the first window"
-        for half, at_half in (("", ""), ("half_", " of places at half windows"))
-        for n in range(len(ACTIVITY_COSTS))
-    },
-    "costs_below": "a place that is reached for the costs of the lowest row, and is below it",
-    "costs_above": "a place that is reached for the costs of the highest row, and is above it",
-    "least_place_activity": "a place of the least activity there is",
-    "largest_place_activity": "a place of the largest activity there is",
-    "pause_restarted": "a match in a window that pauses, of a place that only a restart leads to",
-    **{
-        f"mean_of_{n}_bits": f"a window behind the first, of whose mean number of events {n} bits "
-        "are whole"
-        for n in LARGE_MEANS
-    },
-    "events_above_16_bits": "a window with more events than 16 bits can count",
-    "spread_of_nothing": "a window with the same distance to all places",
-    "spread_of_one": "a window behind the first that is scaled by a spread of 1, of distances "
-    "that differ to places of two words",
-    "evidence_saturated": "a place whose evidence is at its largest, and would be above it",
-    "metric_saturated": "a place whose metric is at its largest, and would be above it",
-    "second_saturated": "a match whose second best has the largest metric",
-    "restarted": "a place that nothing leads to for less than a restart",
-    "stood": "a match at the place of the one before",
-    "stepped": "a match one place further",
-    "largest_step": "a match that follows by the largest step that there is",
-    "beyond_the_largest_step": "a match one place further than that, which does not follow",
-    "stepped_back": "a match one place lower, which does not follow",
-    "filter_tie": "a match with another place at its metric",
-    "filter_no_second": "a match of the filter without a second best",
-    "trusted_at_threshold": "a match whose trust is the least that is accepted",
-    "distrusted_at_threshold": "a match that is rejected for a trust less by one",
-    "margin_limited": "a match with a margin that is above the largest that counts",
-    "residual_limited": "a match with the largest residual, whose trust is above 0 without it",
-    "residual_of_this_window": "a match with less trust for its own residual alone, and some left",
-    "residual_of_the_window_before": "the same for the residual of the match before",
-    "residual_of_two_windows_before": "the same for the residual of the match before that one",
-    "trust_of_nothing": "a match whose residual is above its support",
-    "count_above_255": "an event at a counter of 255 or more, of contrast codes",
-    "code_at_the_bottom": "a contrast code of 0 that would be below it",
-    "code_at_the_top": "the largest contrast code, that would be above it",
-    "window_mean_below_nothing": "a window of contrast codes whose mean is negative",
-    "window_mean_rounded_up": "a window of contrast codes whose mean is rounded up",
-    "window_mean_rounded_down": "a window of contrast codes whose mean is rounded down",
-    "mean_falls_by_part": "a running mean that falls by what the shift does not divide",
-    "mean_rises_by_part": "a running mean that rises by what the shift does not divide",
-    "mean_held": "a window that pauses and leaves other means as they are",
-    **{f"mean_shift_{n}": f"a mean that moves by 1/{1 << n}" for n in range(FIRST_SHIFT, 9)},
-}
-
-
-_OF_RESIDUALS = (
-    "residual_of_this_window", "residual_of_the_window_before", "residual_of_two_windows_before",
-)  # fmt: skip
-
-
-class FilterCoverage:
-    """Counts corners from what a machine keeps, before each window changes them.
-
-    Of sequences of counts there are none.
-    """
-
-    def __init__(self, machine: Machine, found: Counter[str]) -> None:
-        self.machine, self.found = machine, found
-        self._residuals = (0, 0, 0)  # of the last matches, the newest first
-        self._paused = self._restarted = False
-        self._last = -1
-
-    def see_window(self, window: WindowResult, distances: list[int]) -> None:
-        """Count the corners of a window, before it is matched and its counters are cleared."""
-        if self.machine.design.contrast:
-            self._see_means(window)
-        if self.machine.design.filters:
-            self._see_metrics(window, distances)
-
-    def _see_metrics(self, window: WindowResult, distances: list[int]) -> None:
-        design, found = self.machine.design, self.found
-        first, paused = window.number == 0, window.paused
-        found["first_window"] += first and not paused
-        found["first_window_pauses"] += first and paused
-        found["pause"] += paused and not first
-        found["pause_with_events"] += paused and self.machine.counted > 0
-        counted, mean_activity = self.machine.counted, self.machine.kept.mean_activity
-        threshold = counted << (ACTIVITY_FRACTION_BITS + PAUSE_SHIFT)
-        found["pause_at_threshold"] += counted > 0 and mean_activity == threshold + 1
-        found["pause_by_two"] += counted > 0 and mean_activity == threshold + 2
-        found["pause_by_eight_events"] += counted > 0 and (
-            mean_activity == threshold + (8 << ACTIVITY_FRACTION_BITS)
-        )
-        found["busy_at_threshold"] += counted > 0 and mean_activity == threshold
-        found["long_pause"] += paused and self._paused
-        self._paused = paused
-        bits = (mean_activity >> ACTIVITY_FRACTION_BITS).bit_length()
-        if not first and bits in LARGE_MEANS:
-            found[f"mean_of_{bits}_bits"] += 1
-        found["events_above_16_bits"] += counted > 0xFFFF
-        predictions = self.machine.predictions(window.activity)
-        limit = design.restart << FRACTION_BITS
-        self._restarted = (
-            paused
-            and not first
-            and predictions.index(min(predictions))
-            in {place for place, metric in enumerate(predictions) if metric == limit}
-        )
-        if not first:
-            self._see_costs(window.activity)
-        if not first and design.restart:
-            found["restarted"] += limit in predictions
-        if paused:
-            return
-        found[f"weight_{weight_of(window.activity)}"] += 1
-        found["spread_of_nothing"] += design.places > 1 and len(set(distances)) == 1
-        one = 1 << RECIPROCAL_FRACTION_BITS
-        scale = self.machine.kept.filter.reciprocal or one // spread_of(distances)
-        least = min(distances)
-        found["spread_of_one"] += (
-            scale == one and not first and max(distances) > least and design.words == 2
-        )
-        against = evidence_of(distances, scale, weight_of(window.activity))
-        for distance, predicted, evidence in zip(distances, predictions, against, strict=True):
-            found["evidence_saturated"] += (distance - least) * scale >> 14 > EVIDENCE_TOP
-            found["metric_saturated"] += predicted + evidence > METRIC_TOP
-
-    def _see_costs(self, activity: int) -> None:
-        """Count the rows of the costs of a window's steps, and the activities of places."""
-        found, rows = self.found, len(ACTIVITY_COSTS)
-        half = "half_" if self.machine.design.places_per_window == 2 else ""
-        for own in self.machine.memories.place_activity:
-            row = row_of(activity - own)
-            beyond = ((activity - own + 4) >> 3) + SAME_ROW
-            found[f"{half}costs_{row}"] += 1
-            found["costs_below"] += beyond < 0
-            found["costs_above"] += beyond >= rows
-            found["least_place_activity"] += own == -128
-            found["largest_place_activity"] += own == 127
-
-    def see_match(self, match: MatchResult) -> None:
-        """Count the corners of a match."""
-        design, found, last = self.machine.design, self.found, self._last
-        self._last = match.place
-        found["pause_restarted"] += self._restarted
-        found["filter_tie"] += match.ties > 0
-        found["filter_no_second"] += match.second is None
-        found["second_saturated"] += match.second_sum == METRIC_TOP
-        assert match.trust is not None, "a match of the filter has one"
-        self._see_trust(match)
-        second = match.second is not None and design.trust > 0
-        found["trusted_at_threshold"] += match.accepted and second and match.trust == design.trust
-        found["distrusted_at_threshold"] += second and match.trust == design.trust - 1
-        if last < 0:
-            return
-        step, largest = match.place - last, design.steps - 1
-        found["stood"] += step == 0
-        found["stepped"] += step == 1
-        found["largest_step"] += step == largest
-        found["beyond_the_largest_step"] += step == largest + 1
-        found["stepped_back"] += step == -1
-
-    def _see_trust(self, match: MatchResult) -> None:
-        """Count the corners of the trust in a match, and keep its residual."""
-        found, after = self.found, self.machine.kept.filter
-        residuals = self._residuals = (after.residuals[0], *self._residuals[:2])
-        worst = max(residuals)
-        if match.second_sum is not None:
-            found["margin_limited"] += match.second_sum - match.sum > MARGIN_TOP
-        found["residual_limited"] += residuals[0] == RESIDUAL_TOP and after.support > 0
-        found["trust_of_nothing"] += after.support < worst << TRUST_FRACTION_BITS
-        for name, residual in zip(_OF_RESIDUALS, residuals, strict=True):
-            found[name] += (
-                match.trust != 0 and residuals.count(worst) == 1 and residual == worst > 0
-            )
-
-    def _see_means(self, window: WindowResult) -> None:
-        found, kept = self.found, self.machine.kept
-        levels = [LEVELS[count] for count in self.machine.counts]
-        shift, differences = mean_shift(kept.moves), differences_of(levels, kept.means)
-        half = 1 << (self.machine.design.code_bits - 1)
-        shared = window_mean(differences)
-        exact = shared * len(levels)
-        found["window_mean_below_nothing"] += shared < 0
-        found["window_mean_rounded_up"] += exact > sum(differences)
-        found["window_mean_rounded_down"] += exact < sum(differences)
-        for slot, level in enumerate(levels):
-            octaves = (
-                differences[slot] - shared + (1 << (LEVEL_FRACTION_BITS - 1))
-            ) >> LEVEL_FRACTION_BITS
-            found["code_at_the_bottom"] += octaves + half < 0
-            found["code_at_the_top"] += octaves + half >= 2 * half
-            difference = (level << MEAN_FRACTION_BITS) - kept.means[slot]
-            if window.paused:
-                found["mean_held"] += difference != 0
-                continue
-            part = difference % (1 << shift) > 0
-            found["mean_falls_by_part"] += part and difference < 0
-            found["mean_rises_by_part"] += part and difference > 0
-        if not window.paused:
-            found[f"mean_shift_{shift}"] += 1

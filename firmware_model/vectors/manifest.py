@@ -27,6 +27,9 @@ UNITS = {
     "place_activity, activity of a window": "1/16 octave: floor(16 log2(1 + events)), less the "
     "mean number's; in place_activity.mem two's complement of 8 bits",
     "weight": "1/8 of the evidence",
+    "gain": "1/16 octave",
+    "speed": "1/256 octave",
+    "place_bias": "units of code",
     "levels, means, window_mean": "1/256 octave: round(256 log2(1 + count))",
     "restart": "whole units of cost; a device holds it times 4 (2 fraction bits)",
     "sum, second_sum": "units of code; of the filter metrics, 1/4 unit of cost (2 fraction bits)",

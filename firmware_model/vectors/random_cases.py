@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -63,7 +64,8 @@ def _case(name: str, design: Design, rng: np.random.Generator, number: int) -> C
             places[k] = np.clip(np.array(seen[k % len(seen)]) + noise, 0, design.code_max)
     memories = Memories(
         design, pixels, places.tolist(), mean=mean, activity=activity,
-        place_activity=_place_activity(design, rng),
+        place_activity=_place_activity(design, rng), place_bias=_place_bias(design, rng),
+        limits=_limits(design, rng),
     )  # fmt: skip
     return Case(name, memories, tuple(events), start)
 
@@ -74,6 +76,20 @@ def _place_activity(design: Design, rng: np.random.Generator) -> list[int] | Non
         return None
     drawn = np.clip(np.rint(rng.normal(-8, 40, design.places)), -128, 127).astype(int).tolist()
     return [-128, *drawn[1:-1], 127][: design.places]
+
+
+def _place_bias(design: Design, rng: np.random.Generator) -> list[int] | None:
+    """Draw biases of places, small ones or any."""
+    if not design.filters:
+        return None
+    return [int(bias) for bias in rng.integers(0, int(rng.choice([1, 8, 256])), design.places)]
+
+
+def _limits(design: Design, rng: np.random.Generator) -> list[int] | None:
+    """Draw the most events of each pixel that count, of which few windows have more."""
+    if not design.contrast:
+        return None
+    return [int(limit) for limit in rng.integers(0, int(rng.choice([3, 30, 1024])), design.slots)]
 
 
 def _learnt(
@@ -164,8 +180,13 @@ def random_design(rng: np.random.Generator) -> Design:
     )
 
 
-def random_adaptive_design(rng: np.random.Generator) -> Design:
+def random_adaptive_design(rng: np.random.Generator, gains: Sequence[int] = (1,)) -> Design:
     """Draw a small design with the place filter, contrast codes, or both.
+
+    Parameters
+    ----------
+    gains : sequence of int
+        To choose from, where a design can have seven.
 
     Returns
     -------
@@ -182,9 +203,11 @@ def random_adaptive_design(rng: np.random.Generator) -> Design:
             "length": 1,
             "largest_sum": LARGEST_SUM,
             "places_per_window": int(rng.integers(1, 3)),
-            "restart": int(rng.integers(0, int(rng.choice([4, 40, 254])) + 1)),
+            "restart": int(rng.integers(0, int(rng.choice([4, 30])) + 1)),
             "trust": int(rng.choice([0, int(rng.integers(1, 300))])),
         }
+    if kind == 2 and values["window"] == "time":
+        values |= {"gains": int(rng.choice(gains))}
     return Design(**values)
 
 
@@ -203,5 +226,6 @@ def random_memories(rng: np.random.Generator, design: Design) -> Memories:
     activity = int(rng.integers(0, 1 << int(rng.integers(1, 20))))
     return Memories(
         design, pixels, places.tolist(), mean=mean, activity=activity,
-        place_activity=_place_activity(design, rng),
+        place_activity=_place_activity(design, rng), place_bias=_place_bias(design, rng),
+        limits=_limits(design, rng),
     )  # fmt: skip

@@ -23,8 +23,9 @@ from firmware_model.specification import MatchResult, Trace, WindowState
 from firmware_model.vectors import formats
 from firmware_model.vectors.case import NONE, Case, in_order, records, to_binary
 from firmware_model.vectors.corners import corner_cases
-from firmware_model.vectors.coverage import CORNERS, FILTER_CORNERS, coverage, watched_trace
-from firmware_model.vectors.filter_corners import filter_cases
+from firmware_model.vectors.coverage import CORNERS, coverage, watched_trace
+from firmware_model.vectors.facts import FILTER_CORNERS
+from firmware_model.vectors.filter_suite import filter_cases
 from firmware_model.vectors.formats import Table
 from firmware_model.vectors.manifest import (
     MANIFEST,

@@ -16,6 +16,7 @@ import tempfile
 import time
 from collections.abc import Sequence
 from dataclasses import astuple, dataclass
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -71,7 +72,7 @@ def undamaged(seed: int) -> list[bytes]:
         Of random small designs, and those of `image_cases` that open.
     """
     rng = np.random.default_rng(seed)
-    draws = (random_design, random_adaptive_design)
+    draws = (random_design, partial(random_adaptive_design, gains=(1, 7)))
     images = [image(random_memories(rng, draws[i % 2](rng))) for i in range(DESIGNS)]
     return images + [c.image for c in image_cases() if c.opens and len(c.image) <= _LARGEST]
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import struct
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple, Self
 
 from firmware_model.design import LEVEL_TOP, LEVELS, Design
@@ -112,7 +112,7 @@ def deep_draft(depth: int) -> Draft:
 #: number of logarithms in an image
 _LEVELS = len(LEVELS)
 #: largest activity, cost and logarithm that an image may have
-_ACTIVITY, _COST, _LEVEL = 0x7FFF_FF00, 1016, LEVEL_TOP
+_ACTIVITY, _COST, _LEVEL = 0x7FFF_FF00, 120, LEVEL_TOP
 
 
 def adaptive(**changes: object) -> Draft:
@@ -149,6 +149,12 @@ def accepted_adaptive() -> Named:
     yield from each(_adaptive_words, "activity", 0, _ACTIVITY)
     yield "level_at_its_limit", adaptive().poke(Table.LEVEL, "H", 3, _LEVEL).pack()
     yield "padding_behind_the_means", adaptive().poke(Table.MEAN, "H", 6, 0xFFFF).pack()
+    yield "padding_behind_the_limits", adaptive().poke(Table.LIMITS, "H", 6, 0xFFFF).pack()
+    yield "limit_at_its_limit", adaptive().poke(Table.LIMITS, "H", 5, 1023).pack()
+    yield "any_bias", adaptive().poke(Table.PLACE_BIAS, "B", 5, 255).pack()
+    yield "seven_gains", adaptive(gains=7).pack()
+    yield "seven_gains_at_half_places", adaptive(gains=7, places_per_window=2).pack()
+    yield "largest_biased_distance", _filter_of(256).pack()
     yield "mean_at_its_limit", adaptive().poke(Table.MEAN, "H", 5, _LEVEL).pack()
     wide = adaptive(code_bits=8)
     yield "eight_bits_of_contrast", wide.pack()
@@ -157,8 +163,29 @@ def accepted_adaptive() -> Named:
     yield "one_bit_of_contrast", one.pack()
 
 
+def _filter_of(pixels: int) -> Draft:
+    """Draft an image of the filter with codes of 8 bits of so many pixels."""
+    design = replace(
+        BASE, width=512, pixels=pixels, height=1, lookup_depth=512, matching="filter", length=1,
+        code_bits=8,
+    )  # fmt: skip
+    if pixels > 256:
+        draft = _filter_of(256).header(pixels=pixels, stride=-(-pixels // ALIGNMENT) * ALIGNMENT)
+        row = draft.words[Word.STRIDE]
+        draft.tables[Table.PLACES][:] = bytes(draft.words[Word.PLACES] * row)
+        entry = Table.LOOKUP, "Q", pixels - 1, (pixels - 1) << 1 | (pixels - 1) << 32
+        return draft.poke(*entry)
+    every = [(x, 0) for x in range(pixels)]
+    return Draft(image(Memories(design, every, [[0] * pixels] * design.places)))
+
+
 def refused_adaptive() -> Named:
     """Yield the names and bytes of images that must not open."""
+    yield from each(_adaptive_words, "gains", 0, 2, 6, 8, 0x107)
+    yield "seven_gains_of_counts", adaptive(code="counts").header(gains=7).pack()
+    by_count = adaptive(window="count").header(gains=7)
+    yield "seven_gains_of_windows_by_count", by_count.pack()
+    yield "biased_distance_beyond", _filter_of(257).pack()
     yield from each(_adaptive_words, "places_per_window", 3, 0xFFFF_FFFF, 0)
     yield from each(_adaptive_words, "length", 2, 6)
     yield _adaptive_words(restart=_COST + 1)
@@ -170,11 +197,12 @@ def refused_adaptive() -> Named:
     yield from each(_adaptive_words, "code_bits", 0, 1, 9, 33)
     yield from each(_adaptive_words, "activity", _ACTIVITY + 1, 0xFFFF_FFFF)
     # header words of parts that the design does not have must be zero
-    for word in ("restart", "trust", "activity"):
+    for word in ("restart", "trust", "activity", "gains"):
         yield f"sequences_with_{word}", base().header(**{word: 1}).pack()
     for name, table, count, most in (
         ("level", Table.LEVEL, _LEVELS, _LEVEL),
         ("mean", Table.MEAN, 6, _LEVEL),
+        ("limit", Table.LIMITS, 6, 1023),
     ):
         for which, at in (("first", 0), ("last", count - 1)):
             yield f"{which}_{name}_beyond", adaptive().poke(table, "H", at, most + 1).pack()

@@ -9,7 +9,6 @@ from dataclasses import replace
 from firmware_model.design import ACTIVITY_FRACTION_BITS, Design
 from firmware_model.specification import ilog
 from firmware_model.vectors.case import Case, Stream
-from firmware_model.vectors.filter_corners import evidence_cases, long_window
 from firmware_model.verification.images import LongWindow
 from fixedpoint.activity import EVENTS_TOP
 
@@ -22,9 +21,8 @@ def large_cases(design: Design) -> list[Case]:
     design : Design
         With the place filter.
     """
-    by_count = long_window(replace(design, code="counts", window="count"))
-    many_pixels = replace(design, code="counts", pixels=80, lookup_depth=0)
-    evidence = [c for c in evidence_cases(many_pixels) if c.name == "evidence_above_16_bits"]
+    design = replace(design, code="counts", gains=1)
+    many_pixels = replace(design, pixels=80, lookup_depth=0)
     one = Design(width=4, height=4, pixels=1, places=1, length=1, code="counts", code_bits=8)
     # more than 65,536 distances are held, and the RAM is above 64 KiB
     held = replace(one, length=40, places=1_700, exclusion=1)
@@ -36,13 +34,43 @@ def large_cases(design: Design) -> list[Case]:
         code="counts", code_bits=1, exclusion=0,
     )  # fmt: skip
     return [
-        by_count,
-        *evidence,
+        _long_window(replace(design, window="count", window_events=_LONG_WINDOW)),
+        _wide_evidence(many_pixels),
         _wide_residual(many_pixels),
         _shown("held", held, [3 + i % 7 for i in range(42)], lambda k: [k * 7 % 97]),
         _shown("zone", zone, [9, 9, 9], lambda k: [9 if k > 32_795 else 30 + k % 50]),
         _shown("wide", wide, [1, 1], lambda k: [k] * wide.slots),
     ]
+
+
+#: events of a window by number, more than 16 bits can count
+_LONG_WINDOW = 65_540
+
+
+def _long_window(design: Design) -> Case:
+    """Show windows of more events than 16 bits can count."""
+    design = replace(design, places=4, exclusion=1)
+    slots = design.slots
+    shown = [[_LONG_WINDOW - count * (slots - 1), *[count] * (slots - 1)] for count in (3, 1)]
+    stream = Stream.showing(design, shown)
+    places = stream.shown_codes()[-2:] * 2
+    return stream.case("long_window", places, activity=100 << ACTIVITY_FRACTION_BITS)
+
+
+def _wide_evidence(design: Design) -> Case:
+    """Show the same distance to all places, then one that has evidence of 17 bits unsaturated.
+
+    In 16 bits it would be 40.
+    """
+    wide = replace(design, code_bits=8, exclusion=1, restart=30)
+    rest = wide.slots - 65
+    near, far = [0] * wide.slots, [255] * 64 + [74] + [0] * rest
+    between = [127] * 32 + [128] * 32 + [37] + [0] * rest
+    # few events, but enough for evidence of full weight
+    nothing = [0] * (wide.slots - 1) + [20]
+    stream = Stream.showing(wide, [between, nothing, between])
+    rows = [near if place == wide.places // 2 else far for place in range(wide.places)]
+    return stream.case("evidence_above_16_bits", rows)
 
 
 def _wide_residual(design: Design) -> Case:
@@ -51,7 +79,7 @@ def _wide_residual(design: Design) -> Case:
     The evidence against the first is 0x10000, before its limit.
     """
     design = replace(
-        design, code="counts", code_bits=8, restart=254, exclusion=1,
+        design, code="counts", code_bits=8, restart=30, exclusion=1,
     )  # fmt: skip
     near = [0] * 65
     far, between = [255] * 64 + [64], [127] * 32 + [128] * 32 + [32]
@@ -117,10 +145,10 @@ def _saturated(design: Design) -> LongWindow:
     The next window then has so little less than 1/8 of the mean activity that it would be a pause
     without the saturation.
     """
-    design = replace(design, places=4, exclusion=1)
+    design = replace(design, code="counts", places=4, exclusion=1)
     stream, rest = Stream(design), list(range(1, design.slots))
     stream.fill([1] + [0] * len(rest))
-    for _ in range(2):  # the means that it moves change the codes of the next window
+    for _ in range(2):
         stream.fill([17_400 - sum(rest), *rest])
     stream.close()
     places = [[slot * place % 8 for slot in range(design.slots)] for place in range(4)]

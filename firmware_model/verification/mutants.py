@@ -21,7 +21,7 @@ from firmware_model.design import Design
 from firmware_model.emulation.build import SOURCES
 from firmware_model.errors import ToolError
 from firmware_model.vectors.corners import corner_cases
-from firmware_model.vectors.filter_corners import filter_cases
+from firmware_model.vectors.filter_suite import filter_cases
 from firmware_model.verification.images import bundle, image_cases
 from firmware_model.verification.large_cases import large_cases, long_windows
 from firmware_model.verification.outcomes import Change, Outcome, Outcomes, mutants_at

@@ -41,6 +41,7 @@ from firmware_model.image import STRUCT_BYTES, Word, image, page, ram_bytes, sea
 from firmware_model.specification import Machine, MatchResult, WindowResult
 from firmware_model.vectors import (
     Case,
+    filter_cases,
     from_binary,
     in_order,
     records,
@@ -73,7 +74,13 @@ def folder(tmp_path_factory):
 def cases() -> dict[str, list[Case]]:
     """The suites that any design has, and that of the filter and contrast codes."""
     adaptive = replace(DESIGN, matching="filter", length=1, code="contrast")
-    return standard_suites(DESIGN, seed=0) | {"filter": standard_suites(adaptive, 0)["filter"]}
+    several = replace(adaptive, gains=7)
+    return standard_suites(DESIGN, seed=0) | {
+        "filter": standard_suites(adaptive, 0)["filter"],
+        "gains": [
+            replace(case, name=f"{case.name}_of_seven_gains") for case in filter_cases(several)
+        ],
+    }
 
 
 @pytest.fixture(scope="session")
@@ -255,12 +262,12 @@ def test_random_filters_and_contrast_codes_on_every_emulated_processor(emulator)
     paused = 0
     for seed in range(60):
         rng = np.random.default_rng(seed)
-        memories = random_memories(rng, random_adaptive_design(rng))
+        memories = random_memories(rng, random_adaptive_design(rng, (1, 7)))
         start = int(rng.integers(0, 1 << memories.design.timestamp_bits))
         events = wrapped(random_stream(rng, memories, 150, start), memories.design)
         case = Case(str(seed), memories, tuple(events), start)
         assert emulated(emulator, case) == told(case), seed
-        paused += sum(window.paused for window in case.trace().windows)
+        paused += sum(state.paused for state in case.trace().states)
     assert paused > 100
 
 

@@ -6,6 +6,7 @@ import ast
 import subprocess
 import sys
 from collections import Counter
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -20,6 +21,7 @@ from edge_vpr.descriptors.pixels import PixelMap
 from edge_vpr.descriptors.windows import FixedCount, FixedTime
 from edge_vpr.events import Sensor, make_events
 from edge_vpr.matching.distances import distance_matrix
+from edge_vpr.matching.filter_match import FilterMatch
 from edge_vpr.matching.place_filter import PlaceFilter
 from edge_vpr.matching.prediction import TransitionCosts, Transitions
 from edge_vpr.matching.search import best_matches
@@ -60,13 +62,23 @@ def pipeline(memories: Memories, events: list[Event], start: int):
     )
     t, x, y, on = zip(*events, strict=True)
     counted = stream.update(make_events(np.array(t) - start, x, y, on))
+    events = counted.selected_events
     if design.contrast:
+        limited = np.minimum(counted.counts, np.array(memories.limits))
+        events = limited.sum(axis=1, dtype=np.int64)
         code = OwnMeanCode(design.code_bits, contrast=True)
-        codes = encode_running(counted, code, np.array(memories.mean), memories.activity).counts
+        mean = np.array(memories.mean, dtype=np.int32)
+        counted = replace(counted, selected=events)
+        coded = encode_running(counted, code, mean, memories.activity, design.gains)
+        codes = coded.counts
+        sums = codes[:, None]
+        if coded.summed is not None:
+            sums = np.concatenate([sums, coded.summed], axis=1)
     else:
         codes = CounterCode("linear", design.code_bits).encode(counted.counts)
+        sums = codes[:, None]
     if design.filters:
-        return codes, by_filter(memories, codes, counted.selected_events)
+        return codes, by_filter(memories, sums, events)
     if len(codes) < design.length:
         return codes, []
     sums = sequence_sums(distance_matrix(np.array(memories.places), codes), design.length)
@@ -82,15 +94,20 @@ def pipeline(memories: Memories, events: list[Event], start: int):
 
 
 def by_filter(memories: Memories, codes, events):
-    """Matches of each window by the pipeline's place filter."""
+    """Matches of each window by the pipeline's place filter; the codes are of each sum."""
     design = memories.design
-    costs = TransitionCosts(design.restart, design.places_per_window)
+    costs = TransitionCosts(design.restart, design.places_per_window, gains=design.gains)
     own = np.array(memories.place_activity, dtype=np.int32)
     transitions = Transitions(design.places, costs, own, exclusion=design.exclusion)
+    bias = np.array(memories.place_bias, dtype=np.int64)
+    transitions.table = transitions.table._replace(bias=bias)
     found = PlaceFilter(transitions, memories.activity)
-    distances, matches = distance_matrix(np.array(memories.places), codes), []
+    places, matches = np.array(memories.places), []
     for j, window in enumerate(events.tolist()):
-        m = found.update(distances[:, j], window)
+        of_sums = codes[j, : design.sums]
+        distances = np.abs(places[None].astype(int) - of_sums[:, None].astype(int)).sum(axis=2)
+        rows = found.update_windows(distances[None].astype(np.int32), np.array([window]))
+        m = FilterMatch(*rows.columns[0].tolist())
         second = (None, None) if m.second < 0 else (m.second, m.second_metric)
         accepted = m.second >= 0 and m.trust >= design.trust
         matches.append(MatchResult(j, m.place, m.metric, *second, m.ties, accepted, m.trust))
@@ -98,11 +115,11 @@ def by_filter(memories: Memories, codes, events):
 
 
 def test_the_filter_and_contrast_codes_equal_the_pipeline():
-    """Every window and match over 160 designs with the filter, contrast codes, or both."""
+    """Every window and match over 240 designs with the filter, contrast codes, or both."""
     seen = Counter()
-    for seed in range(160):
+    for seed in range(240):
         rng = np.random.default_rng(seed)
-        design = random_adaptive_design(rng)
+        design = random_adaptive_design(rng, (1, 7))
         memories = random_memories(rng, design)
         start = int(rng.integers(0, 1 << design.timestamp_bits))
         events = random_stream(rng, memories, 150, start)
@@ -116,12 +133,13 @@ def test_the_filter_and_contrast_codes_equal_the_pipeline():
             0 <= match.trust <= form["trust"].highest for match in done.matches if design.filters
         )
         seen["filter"] += design.filters
-        seen["pauses"] += sum(window.paused for window in done.windows)
+        seen["pauses"] += sum(state.paused for state in done.states)
         seen["contrast"] += design.contrast
+        seen["seven gains"] += design.gains > 1
         seen["places at half windows"] += design.places_per_window == 2
         weights = [state.weight for state in done.states if not state.paused]
         seen["less weight"] += sum(weight in range(8) for weight in weights)
-        seen["moves"] += sum(not window.paused for window in done.windows)
+        seen["moves"] += sum(not state.paused for state in done.states)
         seen["rejected by trust"] += sum(
             m.second is not None and m.trust < design.trust for m in matches if design.filters
         )
@@ -305,7 +323,10 @@ def test_a_design_survives_its_file(tmp_path):
         ({"matching": "filter", "length": 2}, "leave length out"),
         ({"places_per_window": 2}, "of sequences"),
         ({"places_per_window": 3, "matching": "filter"}, "expected 1 to 2"),
-        ({"restart": 255}, "restart = 255"),
+        ({"restart": 31}, "restart = 31"),
+        ({"gains": 3, "matching": "filter"}, "gains = 3: expected 1 or 7"),
+        ({"gains": 7, "matching": "filter"}, "gains = 7: they need the place filter, contrast"),
+        ({"gains": 7, "code": "contrast"}, "gains = 7: they need the place filter, contrast"),
         ({"trust": 1}, "only the place filter"),
         ({"code": "contrast", "code_bits": 9}, "of contrast codes: expected 1 to 8"),
     ],
@@ -340,9 +361,13 @@ def test_tables_that_do_not_fit_the_design_are_refused():
             Memories(design, pixels, places)
     adaptive = small(matching="filter", code="contrast", code_bits=3)
     for changed, given, message in (
-        (adaptive, {"mean": [0]}, "means of 1 counters"),
+        (adaptive, {"mean": [0]}, "means of 1 counters of contrast codes: expected 2 from 0"),
         (adaptive, {"mean": [0, 2561]}, "from 0 to 2560"),
-        (design, {"mean": [0, 0]}, "and counts none"),
+        (design, {"mean": [0, 0]}, "means of 2 counters of contrast codes: expected 0"),
+        (adaptive, {"limits": [0, 1024]}, "limits of 2 .* from 0 to 1023"),
+        (adaptive, {"place_bias": [0, 256, 0]}, "biases of 3 .* from 0 to 255"),
+        (design, {"place_bias": [0, 0, 0]}, "biases of 3 .*: expected 0 from"),
+        (adaptive, {"place_activity": [0, 128, 0]}, "activities of 3 .* from -128 to 127"),
         (design, {"activity": 1}, "expected 0 to 0"),
         (adaptive, {"activity": 1 << 31}, "activity = 2147483648"),
     ):

@@ -38,6 +38,7 @@ from firmware_model.vectors import (
     corner_cases,
     coverage,
     estimated_bytes,
+    filter_suite,
     formats,
     from_binary,
     load_manifest,
@@ -47,7 +48,8 @@ from firmware_model.vectors import (
     verify,
     write_suites,
 )
-from firmware_model.vectors.filter_corners import filter_cases
+from firmware_model.vectors.facts import facts_for
+from firmware_model.vectors.filter_suite import filter_cases
 from firmware_model.vectors.formats import case_header
 from firmware_model.vectors.manifest import FieldPlace
 
@@ -130,18 +132,29 @@ def test_a_place_filter_of_fewer_places_than_a_sequence_has_corners(places):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("window", ["time", "count"])
-@pytest.mark.parametrize("code", ["counts", "contrast"])
-def test_the_filter_suite_reaches_every_corner(window, code):
+@pytest.mark.parametrize(
+    ("window", "code", "gains"),
+    [("time", "counts", 1), ("count", "contrast", 1), ("time", "contrast", 1),
+     ("time", "contrast", 7)],
+)  # fmt: skip
+def test_the_filter_suite_shows_every_fact(window, code, gains):
     """Of a design with the filter, contrast codes, or both; the other suites stay as they are."""
-    changes = {"code": code, "window": window, "window_events": 30}
+    changes = {"code": code, "window": window, "window_events": 30, "gains": gains}
     design = replace(DESIGN, matching="filter", length=1, **changes)
     suites = standard_suites(design, 0)
     reached = {c for case in suites["filter"] for c, n in coverage(case).items() if n}
-    assert reached >= set(FILTER_CORNERS)
-    sequences = replace(design, matching="sequence", length=3)
+    assert reached >= facts_for(design)
+    assert (facts_for(design) == set(FILTER_CORNERS)) == (gains == 7)
+    sequences = replace(design, matching="sequence", length=3, gains=1)
     assert ("filter" in standard_suites(sequences, 0)) == (code == "contrast")
     assert {c for case in suites["corners"] for c, n in coverage(case).items() if n} == set(CORNERS)
+
+
+def test_a_fact_that_no_case_shows_fails_the_build(monkeypatch):
+    monkeypatch.setattr(filter_suite, "facts_for", lambda _: {"first_window", "never"})
+    monkeypatch.setattr(filter_suite, "MOST_DRAWS", 1)
+    with pytest.raises(VectorError, match="no case of 1 of each kind shows these facts: never"):
+        filter_cases(FILTER)
 
 
 def test_the_manifest_names_every_file_and_its_hash(vectors):
@@ -232,11 +245,11 @@ def test_all_forms_of_a_memory_hold_the_same(vectors):
             assert second < 0 or (match["second"], match["second_sum"]) == (second, second_sum)
 
 
-def test_states_of_a_case_are_those_that_its_matches_come_from(tmp_path):
+@pytest.mark.parametrize("gains", [1, 7])
+def test_states_of_a_case_are_those_that_its_matches_come_from(tmp_path, gains):
     """Margin, trust and least metric as in the matches, the rest by the rules of the page."""
-    design = replace(DESIGN, matching="filter", length=1, code="contrast")
-    names = ("jumps", "weights", "means_and_pauses", "contrasts_and_pauses", "pauses_by_activity")
-    chosen = [case for case in filter_cases(design) if case.name in names]
+    design = replace(DESIGN, matching="filter", length=1, code="contrast", gains=gains)
+    chosen = [case for case in filter_cases(design) if case.name.startswith(("drive", "numbers"))]
     write_suites(tmp_path / "v", design, {"filter": chosen}, 0)
     kinds = set()
     for case in chosen:
@@ -247,35 +260,45 @@ def test_states_of_a_case_are_those_that_its_matches_come_from(tmp_path):
                 lines = csv.DictReader(file)
                 rows[name] = [{k: int(v) for k, v in row.items()} for row in lines]
         assert len(rows["states"]) == len(rows["matches"]) > 5
-        reciprocal = place = -1
+        several, activity = case.design.gains > 1, case.memories.activity
+        own, before = -1, None
         for state, match in zip(rows["states"], rows["matches"], strict=True):
             mean_activity, counted = state["mean_activity"], state["counted"]
             assert state["paused"] == (counted == 0 or 2048 * counted < mean_activity)
             # floor(16 log2(n)) of numbers up to some thousands, which are no powers of 2^(1/16)
-            logs = [math.floor(16 * math.log2(1 + n) + 1e-9) for n in (counted, mean_activity >> 8)]
+            mean = activity if several else mean_activity
+            logs = [math.floor(16 * math.log2(1 + n) + 1e-9) for n in (counted, mean >> 8)]
             assert state["activity"] == (logs[0] - logs[1] if counted else -368)
-            weight = min(max((state["activity"] + 48) // 2, 0), 8)
+            weight, few = 8, bool(state["paused"])
+            if before is not None:
+                own_activity = case.memories.place_activity[before["best"]]
+                surplus = state["activity"] - own_activity - min(before["gain"], 0)
+                weight = min(max((surplus + 56) // 2, 0), 8)
+                few = few or surplus < -48
             assert state["weight"] == (0 if state["paused"] else weight)
+            in_row = 0 if before is None else before["few"]
+            assert state["few"] == (min(in_row + 1, 3) if few else 0)
+            assert state["stands"] == (state["few"] == 3)
+            assert several or (state["speed"], state["sums"], state["gain"]) == (0, 1, 0)
             contrast = case.design.code == "contrast"
             assert contrast or (state["window_mean"], state["mean_shift"]) == (-1, -1)
-            trust = max(state["support"] - 16 * state["worst_residual"], 0)
-            assert (state["least"], trust) == (match["sum"], match["trust"])
+            whole = max(state["support"] - 16 * state["worst_residual"], 0)
+            assert (state["least"], whole * state["age"] // 8) == (match["sum"], match["trust"])
             assert 0 <= state["worst_residual"] <= 23
             alone = match["second"] == -1
-            assert state["margin"] == (1023 if alone else match["second_sum"] - match["sum"])
+            assert state["margin"] == (127 if alone else match["second_sum"] - match["sum"])
             if state["paused"]:
                 assert state["reciprocal"] == state["spread"] == -1
-            else:
-                own = 65_536 // state["spread"]
-                assert state["reciprocal"] == (own if reciprocal < 0 else reciprocal)
-                reciprocal = own
+            elif not several:  # of several sums, the best gain may look at another one
+                found = 65_536 // state["spread"]
+                assert state["reciprocal"] == (found if own < 0 else own)
+                own = found
             raised = state["kept"] + (16 * min(state["margin"], 23) - state["kept"]) // 4
-            if match["place"] == place:
-                raised = min(raised, state["kept"] - state["kept"] // 16)
+            if before is not None and state["best"] == before["best"]:
+                raised = min(raised, state["kept"] - state["kept"] // 8)
             assert state["support"] == raised
-            place = match["place"]
-            below = contrast and state["window_mean"] < 0
-            kinds.add((state["weight"], state["paused"], below))
+            before = state
+            kinds.add((state["weight"], state["paused"], contrast and state["window_mean"] < 0))
     assert {weight for weight, _, _ in kinds} == set(range(9))
     assert {kind[1:] for kind in kinds} == set(product((0, 1), (False, True)))
     manifest = json.loads((tmp_path / "v" / "manifest.json").read_text(encoding="utf-8"))

@@ -1,0 +1,461 @@
+"""What the specification does in a window, as named facts: those that vectors must show.
+
+Facts are computed from what the model keeps and returns, not from how a case was made.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterator
+
+from firmware_model.design import (
+    ACTIVITY_FRACTION_BITS,
+    BIAS_TOP,
+    EVIDENCE_TOP,
+    LEVEL_TOP,
+    LEVELS,
+    MARGIN_TOP,
+    METRIC_TOP,
+    RECIPROCAL_FRACTION_BITS,
+    RESIDUAL_TOP,
+    TRUST_FRACTION_BITS,
+    Design,
+)
+from firmware_model.specification import (
+    GAIN_STEP,
+    PATIENCE,
+    WHOLE_AGE,
+    Advanced,
+    Filter,
+    FilterMap,
+    Kept,
+    Machine,
+    MatchResult,
+    change_gain,
+    differences_of,
+    ilog,
+    is_pause,
+    mean_shift,
+    row_of,
+    sums_of,
+    window_mean,
+)
+from fixedpoint.activity import BANK_COSTS, GAINS, PAUSE_SHIFT, SAME_ROW, SUMS
+from fixedpoint.own_mean import FIRST_SHIFT, LAST_SHIFT, LEVEL_FRACTION_BITS, MEAN_FRACTION_BITS
+
+#: bits of mean numbers of events that no window of a small case has
+LARGE_MEANS = range(19, 24)
+_ROWS = range(len(BANK_COSTS[1]))
+#: facts of a design with the place filter; what is counted as one occurrence of each
+FILTER = {
+    "first_window": "a first window that does not pause: its evidence is scaled by its own spread",
+    "first_window_pauses": "a first window that pauses",
+    "pause": "a window that pauses, and is not the first",
+    "pause_with_events": "a window that pauses though it has events that count",
+    "long_pause": "a window that pauses behind one that pauses",
+    "pause_at_threshold": "a pause that would be none with a mean activity lower by 1/256 event",
+    "busy_at_threshold": "no pause, and would be one with a mean activity higher by 1/256 event",
+    "scale_over_pause": "a window behind a pause that is scaled by the spread before the pause",
+    **{f"weight_{n}": f"a window whose evidence has {n}/8 of its weight" for n in range(9)},
+    "few_at_threshold": "a window that has few events, and would not with 1/16 octave more",
+    "enough_at_threshold": "a window that has not few events, and would with 1/16 octave less",
+    "few_forgotten": "a window that ends a row of one or two with few events",
+    "standing_begins": "a window with which the robot stands",
+    "standing_goes_on": "a window in which the robot still stands",
+    "standing_ends": "a window with which the robot stands no more",
+    **{
+        f"{half}costs_{n}": f"a place that is reached for the costs of row {n}{at_half}, not in "
+        "the first window"
+        for half, at_half in (("", ""), ("half_", " of places at half windows"))
+        for n in _ROWS
+    },
+    "costs_below": "a place that is reached for the costs of the lowest row, and is below it",
+    "costs_above": "a place that is reached for the costs of the highest row, and is above it",
+    "least_place_activity": "a place of the least activity there is",
+    "largest_place_activity": "a place of the largest activity there is",
+    **{
+        f"logarithm_{n}{which}": f"a mean number of 18 bits or more {what} of part {n} of an "
+        "octave, with an activity where a part more or less is another row"
+        for n in range(16)
+        for which, what in (("", "that is the least"), ("_below", "one below the least"))
+    },
+    **{
+        f"mean_of_{n}_bits": f"a window behind the first, of whose mean number of events {n} bits "
+        "are whole"
+        for n in LARGE_MEANS
+    },
+    "decay_rounded": "a pause that takes from the mean what 1,024 does not divide",
+    "restarted": "a place that nothing leads to for less than a restart",
+    "pause_restarted": "a best place in a window that pauses that only a restart leads to",
+    "evidence_saturated": "a place whose evidence is at its largest, and would be above it",
+    "metric_saturated": "a place whose metric is at its largest, and would be above it",
+    "second_saturated": "a match whose second best has the largest metric",
+    "spread_of_nothing": "a window with the same distance to all places",
+    "spread_of_one": "a window behind the first that is scaled by a spread of 1, of distances "
+    "that differ",
+    "distance_above_8_bits": "a window with a distance above 255 to a place, and one below",
+    "total_above_16_bits": "a window whose distances add up to more than 16 bits",
+    "deviations_above_16_bits": "a window whose distances deviate by more than 16 bits in all",
+    "bias_decides": "a window whose nearest place is another one without the bias",
+    "largest_bias": "a place of the largest bias there is",
+    "middle_below": "a match that is told below the best place",
+    "middle_above": "a match that is told above the best place",
+    "middle_of_the_reach": "a match with more near places on a side than are asked",
+    "near_at_threshold": "a match told for a place that is as far as a near one may be",
+    "near_beyond": "a match told without a place that is one further",
+    "middle_at_the_first": "a match whose near places go down to the first of the map",
+    "middle_at_the_last": "a match whose near places go up to the last of the map",
+    "whole_place_told": "a match of whole places beside a place that would be near",
+    "stood": "a best place that is the one before",
+    "stepped": "a best place one further",
+    "largest_step": "a best place that follows by the largest step that there is",
+    "beyond_the_largest_step": "a best place one further than that, which does not follow",
+    "stepped_back": "a best place one lower, which does not follow",
+    "told_back": "a best place that follows, though what is told is below what was told",
+    "filter_tie": "a match with another place at its metric",
+    "ties_above_255": "a match with more than 255 further places at its metric",
+    "filter_no_second": "a match of the filter without a second best",
+    "trusted_at_threshold": "a match whose trust is the least that is accepted",
+    "distrusted_at_threshold": "a match that is rejected for a trust less by one",
+    "margin_limited": "a match with a margin that is above the largest that counts",
+    "residual_limited": "a match with the largest residual, whose trust is above 0 without it",
+    "residual_of_this_window": "a match with less trust for its own residual alone, and some left",
+    "residual_of_the_window_before": "the same for the residual of the match before",
+    "residual_of_two_windows_before": "the same for the residual of the match before that one",
+    "trust_of_nothing": "a match whose residual is above its support",
+    "support_stood": "a match at the place before whose support falls by 1/8 instead of rising",
+    "young": "a match with less trust for the age of its path, and some left",
+    "trust_rounded": "a match whose trust is rounded down for its age",
+    "of_age": "a match with trust whose path is of age, and was before",
+}  # fmt: skip
+#: facts of the place filter with several gains
+SEVERAL_GAINS = {
+    **{f"gain_{h}": f"a match of gain {gain}/16 octave" for h, gain in enumerate(GAINS)},
+    "gain_tie": "a match whose best place has its metric with two gains",
+    "gain_changed": "a match that follows with another gain",
+    "change_pays": "a metric that a change to the next gain lowers",
+    "change_by_two_pays": "a metric that a change by two gains or more lowers",
+    "change_up_and_down": "a window in which changes to higher and to lower gains lower metrics",
+    **{f"sum_{n}": f"a match by the sum of {n} windows" for n in SUMS},
+    "three_sums": "a window in which gains look at all three sums",
+    "sum_forgotten": "a window in which a sum is looked at no more",
+    "sum_returns": "a window in which a sum is looked at again",
+    **{f"speed_shift_{n}": f"a mean speed that moves by 1/{1 << n}" for n in range(7)},
+    "speed_saturated": "a mean speed that moves after 63 windows",
+    "speed_below_nothing": "a negative mean speed that does not move by whole parts of an octave",
+    "sum_above_1023": "a sum of counts that is above the largest count",
+    "mean_apart": "a window whose running mean is an octave or more from the map's",
+}  # fmt: skip
+#: facts of contrast codes
+CONTRAST = {
+    "count_above_255": "an event at a counter of 255 or more, of contrast codes",
+    "limit_clips": "a pixel with more events than count",
+    "limit_of_nothing": "a pixel with events of which none counts",
+    "code_at_the_bottom": "a contrast code of 0 that would be below it",
+    "code_at_the_top": "the largest contrast code, that would be above it",
+    "window_mean_below_nothing": "a window of contrast codes whose mean is negative",
+    "window_mean_rounded_up": "a window of contrast codes whose mean is rounded up",
+    "window_mean_rounded_down": "a window of contrast codes whose mean is rounded down",
+    "mean_falls_by_part": "a running mean that falls by what the shift does not divide",
+    "mean_rises_by_part": "a running mean that rises by what the shift does not divide",
+    "mean_of_a_half": "a code that is another one if its mean of half a unit is rounded down",
+    "mean_held": "a window that pauses and leaves other means as they are",
+    **{
+        f"mean_shift_{n}": f"a mean that moves by 1/{1 << n}"
+        for n in range(FIRST_SHIFT, LAST_SHIFT + 1)
+    },
+    "highest_mean": "a counter whose running mean is the largest there is",
+    "window_above_1023": "a window with a number above 1,023",
+    "events_above_16_bits": "a window with more events than 16 bits can count",
+}
+#: all of them
+FILTER_CORNERS = FILTER | SEVERAL_GAINS | CONTRAST
+
+
+def facts_for(design: Design) -> set[str]:
+    """Return the facts that vectors of a design show: of fewer than 8 pixels as many as can be."""
+    found = set(CONTRAST) | set(FILTER)
+    if design.gains > 1:
+        found |= set(SEVERAL_GAINS)
+    return found
+
+
+class Facts:
+    """Counts facts from what a machine keeps before and after each window."""
+
+    def __init__(self, machine: Machine, found: Counter[str]) -> None:
+        self.machine, self.found = machine, found
+        self._kept: Kept = machine.kept
+        self._residuals = (0, 0, 0)  # of the last matches, the newest first
+        self._paused = False
+        self._told = -1
+
+    def see_window(self) -> None:
+        """Count the facts of a window, before it is matched and its counters are cleared."""
+        machine, design, found = self.machine, self.machine.design, self.found
+        self._kept = machine.kept
+        self._newest = [list(machine.counts), *machine.kept.newest]
+        if not design.pauses:
+            return
+        counted = machine.that_count
+        found["events_above_16_bits"] += counted > 0xFFFF
+        found["window_above_1023"] += self._kept.windows > 1023
+        if design.contrast:
+            self._see_means()
+            for count, limit in zip(machine.counts, machine.memories.limits, strict=True):
+                found["limit_clips"] += count > limit > 0
+                found["limit_of_nothing"] += count > limit == 0
+
+    def see_match(self, match: MatchResult) -> None:
+        """Count the facts of a match of the place filter."""
+        advanced, before = self.machine.advanced, self._kept.filter
+        assert advanced is not None
+        known = FilterMap.of(self.machine.memories)
+        self._see_pause(advanced, before)
+        for name in _events_facts(known, before, advanced):
+            self.found[name] += 1
+        self._see_costs(known, before, advanced)
+        self._see_logarithm(known, before, advanced)
+        self._see_metrics(known, before, advanced)
+        self._see_best(known, match, before, advanced)
+        self._see_trust(match, advanced, before)
+        if len(known.gains) > 1:
+            self._see_gains(known, before, advanced)
+        self._paused, self._told = advanced.seen.paused, match.place
+
+    def _see_pause(self, advanced: Advanced, before: Filter) -> None:
+        found, state = self.found, self.machine.states[-1]
+        first, paused = before.place is None, advanced.seen.paused
+        counted, mean = state.counted, state.mean_activity
+        found["first_window"] += first and not paused
+        found["first_window_pauses"] += first and paused
+        found["pause"] += paused and not first
+        found["pause_with_events"] += paused and counted > 0
+        threshold = counted << (ACTIVITY_FRACTION_BITS + PAUSE_SHIFT)
+        found["pause_at_threshold"] += counted > 0 and mean == threshold + 1
+        found["busy_at_threshold"] += counted > 0 and mean == threshold
+        found["long_pause"] += paused and self._paused
+        found["decay_rounded"] += paused and mean % 1024 > 0
+        found["scale_over_pause"] += self._paused and not paused and any(before.reciprocals)
+        bits = (mean >> ACTIVITY_FRACTION_BITS).bit_length()
+        if not first and bits in LARGE_MEANS:
+            found[f"mean_of_{bits}_bits"] += 1
+
+    def _see_costs(self, known: FilterMap, before: Filter, advanced: Advanced) -> None:
+        """Count the rows of the costs of a window's steps, and the activities of places."""
+        found, seen = self.found, advanced.seen
+        found["least_place_activity"] += -128 in known.activity
+        found["largest_place_activity"] += 127 in known.activity
+        found["largest_bias"] += BIAS_TOP in known.bias
+        if before.place is None or seen.stands:
+            return
+        half = "half_" if known.per_window == 2 else ""
+        for own in known.activity:
+            for gain in known.gains:
+                left = seen.activity - own - gain
+                beyond = ((left + 4) >> 3) + SAME_ROW
+                found[f"{half}costs_{row_of(left)}"] += 1
+                found["costs_below"] += beyond < 0
+                found["costs_above"] += beyond >= len(known.costs)
+
+    def _see_logarithm(self, known: FilterMap, before: Filter, advanced: Advanced) -> None:
+        """Count means at the edges of logarithms, where these decide about a row."""
+        seen, design = advanced.seen, self.machine.design
+        mean = self.machine.memories.activity if design.gains > 1 else self._kept.mean_activity
+        number = mean >> ACTIVITY_FRACTION_BITS
+        if before.place is None or seen.stands or number < 1 << 17:
+            return
+        log = ilog(number)
+        for own in set(known.activity):
+            row, part = divmod(seen.activity - own + 4, 8)
+            if not -SAME_ROW < row < len(known.costs) - SAME_ROW - 1 or not known.last > 0:
+                continue
+            if log > ilog(number - 1) and part == 7:
+                self.found[f"logarithm_{log % 16}"] += 1
+            if log < ilog(number + 1) and part == 0:
+                self.found[f"logarithm_{(log + 1) % 16}_below"] += 1
+
+    def _see_metrics(self, known: FilterMap, before: Filter, advanced: Advanced) -> None:
+        found, seen, first = self.found, advanced.seen, before.place is None
+        changed = change_gain(before.metrics)
+        restarts = [min(row) + known.restart for row in changed]
+        best, gain = advanced.best.place, advanced.best.gain
+        if not first and known.restart:
+            for row, restart in zip(advanced.predicted, restarts, strict=True):
+                found["restarted"] += restart in row
+        if not first and seen.paused:
+            found["pause_restarted"] += advanced.predicted[gain][best] == restarts[gain]
+        found["second_saturated"] += advanced.best.found.second_sum == METRIC_TOP
+        if seen.paused:
+            return
+        one = 1 << RECIPROCAL_FRACTION_BITS
+        for i in set(seen.looks):
+            plain = self.machine.compared[i]
+            distances = [d + b for d, b in zip(plain, known.bias, strict=True)]
+            least, most, scale = min(distances), max(distances), advanced.evidence.scales[i]
+            found["spread_of_nothing"] += len(distances) > 1 and most == least
+            found["spread_of_one"] += scale == one and not first and most > least
+            found["evidence_saturated"] += ((most - least) * scale) >> 14 > EVIDENCE_TOP
+            found["distance_above_8_bits"] += least <= 255 < most
+            total = sum(distances)
+            mean = total // len(distances)
+            found["total_above_16_bits"] += total > 0xFFFF
+            found["deviations_above_16_bits"] += sum(abs(d - mean) for d in distances) > 0xFFFF
+            found["bias_decides"] += distances.index(least) != plain.index(min(plain))
+        for row, i in zip(advanced.predicted, seen.looks, strict=True):
+            pairs = zip(row, advanced.evidence.against[i], strict=True)
+            found["metric_saturated"] += any(p + e > METRIC_TOP for p, e in pairs)
+
+    def _see_best(
+        self, known: FilterMap, match: MatchResult, before: Filter, advanced: Advanced
+    ) -> None:
+        found, design, best = self.found, self.machine.design, advanced.best.place
+        least = [min(column) for column in zip(*advanced.state.metrics, strict=True)]
+        near, last = least[best] + 8, len(least) - 1
+        found["middle_below"] += match.place < best
+        found["middle_above"] += match.place > best
+        if known.reach:
+            first, end = best, best
+            while first > max(best - known.reach, 0) and least[first - 1] <= near:
+                first -= 1
+            while end < min(best + known.reach, last) and least[end + 1] <= near:
+                end += 1
+            beside = [k for k in (first - 1, end + 1) if 0 <= k <= last]
+            found["middle_of_the_reach"] += any(least[k] <= near for k in beside)
+            found["near_beyond"] += any(least[k] == near + 1 for k in beside)
+            found["near_at_threshold"] += near in least[first : end + 1]
+            found["middle_at_the_first"] += first == 0 < best
+            found["middle_at_the_last"] += end == last > best
+        else:
+            beside = [k for k in (best - 1, best + 1) if 0 <= k <= last]
+            # one on one side alone: the middle would be another
+            found["whole_place_told"] += sum(least[k] <= near for k in beside) == 1
+        found["filter_tie"] += match.ties > 0
+        found["ties_above_255"] += match.ties > 255
+        found["filter_no_second"] += match.second is None
+        second = match.second is not None and design.trust > 0
+        found["trusted_at_threshold"] += second and match.trust == design.trust
+        found["distrusted_at_threshold"] += second and match.trust == design.trust - 1
+        if before.place is None:
+            return
+        step = best - before.place
+        found["stood"] += step == 0
+        found["stepped"] += step == 1
+        found["largest_step"] += step == known.last
+        found["beyond_the_largest_step"] += step == known.last + 1
+        found["stepped_back"] += step == -1
+        found["told_back"] += 0 <= step <= known.last and match.place < self._told
+
+    def _see_trust(self, match: MatchResult, advanced: Advanced, before: Filter) -> None:
+        """Count the facts of the trust in a match, and keep its residual."""
+        found, judged = self.found, advanced.trust
+        residuals = self._residuals = (judged.residual, *self._residuals[:2])
+        worst, support = max(residuals), judged.support
+        left = max(support - (worst << TRUST_FRACTION_BITS), 0)
+        if match.second_sum is not None:
+            found["margin_limited"] += match.second_sum - match.sum > MARGIN_TOP
+        found["residual_limited"] += residuals[0] == RESIDUAL_TOP and support > 0
+        found["trust_of_nothing"] += support < worst << TRUST_FRACTION_BITS
+        for name, residual in zip(_OF_RESIDUALS, residuals, strict=True):
+            alone = residuals.count(worst) == 1 and residual == worst > 0
+            found[name] += bool(match.trust) and alone
+        falls = judged.kept - (judged.kept >> 3)
+        found["support_stood"] += (
+            advanced.best.place == before.place and support == falls < judged.kept
+        )
+        found["young"] += 0 < judged.trust < left
+        found["trust_rounded"] += judged.trust > 0 and left * judged.age % WHOLE_AGE > 0
+        found["of_age"] += judged.trust > 0 and before.age == WHOLE_AGE == judged.age
+
+    def _see_gains(self, known: FilterMap, before: Filter, advanced: Advanced) -> None:
+        found, seen, best = self.found, advanced.seen, advanced.best
+        found[f"gain_{best.gain}"] += 1
+        of_best = [row[best.place] for row in advanced.state.metrics]
+        found["gain_tie"] += of_best.count(min(of_best)) > 1
+        found["gain_changed"] += advanced.trust.age > 0 and best.gain != before.gain
+        least = min(map(min, before.metrics))
+        up = down = False
+        changed = change_gain(before.metrics)
+        for k in range(len(known.activity)):
+            own = [row[k] - least for row in before.metrics]
+            for h, row in enumerate(changed):
+                if row[k] == own[h] or before.place is None:
+                    continue
+                far = min(
+                    abs(h - g) for g in range(len(own)) if own[g] + GAIN_STEP * abs(h - g) == row[k]
+                )  # fmt: skip
+                found["change_pays" if far == 1 else "change_by_two_pays"] += 1
+                up |= any(own[g] + GAIN_STEP * (h - g) == row[k] for g in range(h))
+                down |= any(own[g] + GAIN_STEP * (g - h) == row[k] for g in range(h + 1, len(own)))
+        found["change_up_and_down"] += up and down
+        if not seen.paused:
+            found[f"sum_{SUMS[seen.looks[best.gain]]}"] += 1
+            found["three_sums"] += len(set(seen.looks)) == len(SUMS)
+            for i, reciprocal in enumerate(before.reciprocals):
+                looks = i in seen.looks
+                found["sum_forgotten"] += reciprocal > 0 and not looks
+                found["sum_returns"] += reciprocal == 0 and looks and before.place is not None
+        if seen.few == 0:
+            found[f"speed_shift_{min((1 + before.moved).bit_length() - 1, 6)}"] += 1
+            found["speed_saturated"] += before.moved == 63
+            found["speed_below_nothing"] += seen.speed < 0 and seen.speed % 16 > 0
+        sums = sums_of(self._newest, len(SUMS))
+        found["sum_above_1023"] += max(map(max, sums)) > LEVELS.index(LEVEL_TOP)
+        map_log = ilog(self.machine.memories.activity >> ACTIVITY_FRACTION_BITS)
+        running = ilog(self._kept.mean_activity >> ACTIVITY_FRACTION_BITS)
+        found["mean_apart"] += abs(map_log - running) >= 16
+
+    def _see_means(self) -> None:
+        found, kept, design = self.found, self._kept, self.machine.design
+        paused = is_pause(self.machine.that_count, kept.mean_activity)
+        shift, half = mean_shift(kept.moves), 1 << (design.code_bits - 1)
+        unit = 1 << LEVEL_FRACTION_BITS
+        for counts, means in zip(sums_of(self._newest, design.sums), kept.means, strict=True):
+            levels = [LEVELS[min(count, len(LEVELS) - 1)] for count in counts]
+            differences = differences_of(levels, means)
+            shared = window_mean(differences)
+            exact = shared * len(levels)
+            found["window_mean_below_nothing"] += shared < 0
+            found["window_mean_rounded_up"] += exact > sum(differences)
+            found["window_mean_rounded_down"] += exact < sum(differences)
+            found["highest_mean"] += LEVEL_TOP << MEAN_FRACTION_BITS in means
+            for difference, level, mean in zip(differences, levels, means, strict=True):
+                rounded = difference - shared + unit // 2
+                octaves = rounded >> LEVEL_FRACTION_BITS
+                found["code_at_the_bottom"] += octaves + half < 0
+                found["code_at_the_top"] += octaves + half >= 2 * half
+                found["mean_of_a_half"] += (
+                    mean % unit == unit // 2 and rounded % unit == unit - 1
+                    and -half <= octaves < half - 1
+                )  # fmt: skip
+                left = (level << MEAN_FRACTION_BITS) - mean
+                if paused:
+                    found["mean_held"] += left != 0
+                    continue
+                part = left % (1 << shift) > 0
+                found["mean_falls_by_part"] += part and left < 0
+                found["mean_rises_by_part"] += part and left > 0
+        if not paused:
+            found[f"mean_shift_{shift}"] += 1
+
+
+_OF_RESIDUALS = (
+    "residual_of_this_window", "residual_of_the_window_before", "residual_of_two_windows_before",
+)  # fmt: skip
+
+
+def _events_facts(known: FilterMap, before: Filter, advanced: Advanced) -> Iterator[str]:
+    """Yield what the number of events says."""
+    seen = advanced.seen
+    if not seen.paused:
+        yield f"weight_{seen.weight}"
+    if before.place is not None and not seen.paused:
+        surplus = seen.activity - known.activity[before.place] - min(known.gains[before.gain], 0)
+        if surplus in (-49, -48):
+            yield "few_at_threshold" if surplus == -49 else "enough_at_threshold"
+    if seen.few == 0 < before.few <= PATIENCE:
+        yield "few_forgotten"
+    if seen.stands:
+        yield "standing_goes_on" if before.few > PATIENCE else "standing_begins"
+    elif before.few > PATIENCE:
+        yield "standing_ends"

@@ -1,0 +1,468 @@
+"""The suite ``filter``: random cases of the place filter until every fact was seen.
+
+Each kind of case draws designs, maps and drives from its own ranges. A case is kept if it shows a
+fact of `vectors.facts` that none before it has shown.
+"""
+
+from __future__ import annotations
+
+from bisect import bisect_left
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from itertools import cycle
+
+import numpy as np
+
+from firmware_model.design import ACTIVITY_FRACTION_BITS, LARGEST_SUM, LEVEL_TOP, LEVELS, Design
+from firmware_model.errors import VectorError
+from firmware_model.specification import ilog, mean_activity_after
+from firmware_model.specification_drive import bias_of, typical_distances
+from firmware_model.vectors.case import Case, Stream
+from firmware_model.vectors.coverage import coverage
+from firmware_model.vectors.facts import facts_for
+from fixedpoint.activity import EVENTS_TOP, PARTS
+from fixedpoint.own_mean import FIRST_SHIFT, LAST_SHIFT
+
+#: pixels of which a design must have so many to show every fact
+ENOUGH_PIXELS = 8
+#: cases that are drawn of each kind before a fact is given up, and of fewer pixels
+MOST_DRAWS, FEW_DRAWS = 200, 40
+
+#: name, design, random numbers, and how many of its kind were drawn before
+Draw = Callable[[str, Design, np.random.Generator, int], Case]
+
+
+def filter_cases(design: Design, seed: int = 0) -> list[Case]:
+    """Make the cases of the suite ``filter``.
+
+    Parameters
+    ----------
+    design : Design
+        With the place filter or contrast codes; cases change it to have the filter, and one place
+        per window or two.
+
+    Raises
+    ------
+    VectorError
+        If no case shows a fact, of a design of enough pixels.
+    """
+    design = replace(
+        design, matching="filter", length=1, places=12, places_per_window=1, trust=0,
+        largest_sum=LARGEST_SUM, code="contrast", code_bits=min(design.code_bits, 8),
+    )  # fmt: skip
+    if design.window == "time" and design.tau_us < 4:
+        design = replace(design, tau_us=4, timestamp_bits=max(design.timestamp_bits, 8))
+    rng = np.random.default_rng((seed, 64))
+    missing = facts_for(design)
+    chosen: list[Case] = []
+    most = MOST_DRAWS if design.pixels >= ENOUGH_PIXELS else FEW_DRAWS
+    for number, (kind, draw) in enumerate(cycle(_KINDS.items())):
+        if not missing or number == most * len(_KINDS):
+            break
+        if not missing & _AIMED.get(kind, missing):
+            continue
+        drawn = number // len(_KINDS)
+        case = draw(f"{kind}_{drawn}", _variant(design, rng), rng, drawn)
+        seen = {name for name, times in coverage(case).items() if times}
+        if missing & seen:
+            chosen.append(case)
+            missing -= seen
+    if missing and design.pixels >= ENOUGH_PIXELS:
+        raise VectorError(
+            f"no case of {MOST_DRAWS} of each kind shows these facts: {', '.join(sorted(missing))}"
+        )
+    return chosen
+
+
+def _variant(design: Design, rng: np.random.Generator) -> Design:
+    """Draw what a device may have otherwise, of the same kind of codes or with counts."""
+    by_time = design.gains > 1 or rng.random() < 0.5
+    if design.gains == 1 and rng.random() < 0.3:
+        design = replace(design, code="counts")
+    if rng.random() < 0.2:  # of so few that codes are beyond both ends
+        design = replace(design, code_bits=min(design.code_bits, 3))
+    return replace(
+        design,
+        window="time" if by_time else design.window,
+        tau_us=max(design.tau_us, 4),
+        places_per_window=int(rng.integers(1, 3)),
+        restart=int(rng.choice([0, 2, 6, 16, 16, 30])),
+        exclusion=int(rng.choice([0, 1, 1, 2, 3, 11])),
+    )
+
+
+# Drives through a map.
+
+
+def _drive(name: str, design: Design, rng: np.random.Generator, drawn: int) -> Case:
+    """Draw a map whose near places are alike, and a drive along it: any speed, gain and light."""
+    places = int(rng.choice([1, 2, 3, 4, 5, 6, 7, 8, 9, 12, 12, 16, 24]))
+    design = replace(design, places=places)
+    rates = _rates(design, rng)
+    shown = [_counts(rates[k], 1.0, rng) for k in range(places)]
+    for counts in shown:
+        counts[-1] += not any(counts)  # windows by count have some
+    design = _long_enough(design, shown)
+    stream, reference = Stream(design), Stream(design)
+    for counts in shown:
+        reference.fill(counts)
+    reference.close()
+    mean = _means(design, rng)
+    codes = reference.shown_codes(mean)[:places]
+    limits = _limits(design, shown, rng)
+    events = [sum(map(min, counts, limits or [1 << 30] * len(counts))) for counts in shown]
+    activity = max((sum(events) << ACTIVITY_FRACTION_BITS) // places, 1)
+    place, gain, speed = int(rng.integers(places)), 0.0, 1
+    for _ in range(int(rng.integers(10, 26))):
+        place, gain, speed = _moved(place, gain, speed, design, rng)
+        kind = rng.random()
+        if kind < 0.12 and design.window == "time":
+            stream.unselected()
+            stream.end()
+        else:
+            less = 0.05 if kind < 0.24 else 1.0
+            stream.fill(_counts(rates[place], less * 2.0**gain * max(speed, 0.4), rng))
+    stream.close()
+    typical = typical_distances(codes)
+    case = stream.case(
+        name, codes, mean=mean, limits=limits,
+        activity=activity if rng.random() < 0.8 else int(activity * 2 ** rng.normal(0, 3)),
+        place_activity=_activities(events, activity, rng),
+        place_bias=bias_of(typical) if rng.random() < 0.7 else _biases(design, rng),
+    )  # fmt: skip
+    return _at_threshold(case, rng)
+
+
+def _rates(
+    design: Design, rng: np.random.Generator
+) -> np.ndarray[tuple[int, int], np.dtype[np.float64]]:
+    """Draw the mean counts of each place: those of near places differ little."""
+    ends = design.places + 8
+    drawn = rng.gamma(0.5, 1.0, (ends, design.slots))
+    smooth = int(rng.choice([1, 2, 3]))
+    rates = sum(drawn[i : i + design.places] for i in range(smooth)) / smooth
+    rates *= 2.0 ** rng.normal(0, rng.choice([0.2, 1.0]), (design.places, 1))
+    total: float = rng.choice([10, 30, 80])
+    return np.asarray(rates * total / max(rates.sum(axis=1).mean(), 1e-9))
+
+
+def _counts(rates: Sequence[float], gain: float, rng: np.random.Generator) -> list[int]:
+    return [int(count) for count in np.minimum(rng.poisson(np.asarray(rates) * gain), 40)]
+
+
+def _long_enough(design: Design, shown: Sequence[Sequence[int]]) -> Design:
+    """Give windows by count as many events as the largest that is shown."""
+    if design.window == "time":
+        return design
+    return replace(design, window_events=max(map(sum, shown)) + 1)
+
+
+def _means(design: Design, rng: np.random.Generator) -> list[int] | None:
+    if not design.contrast:
+        return None
+    if rng.random() < 0.2:
+        return [int(mean) for mean in rng.choice([0, LEVEL_TOP], design.slots)]
+    return [int(mean) for mean in rng.integers(0, int(rng.choice([100, 600])), design.slots)]
+
+
+def _limits(
+    design: Design, shown: Sequence[Sequence[int]], rng: np.random.Generator
+) -> list[int] | None:
+    if not design.contrast:
+        return None
+    limits = np.max(shown, axis=0) + rng.integers(0, 2, design.slots)
+    limits[rng.random(design.slots) < 0.1] = 0
+    return [int(limit) for limit in limits]
+
+
+def _activities(events: Sequence[int], activity: int, rng: np.random.Generator) -> list[int]:
+    """Take what a map gives, or anything."""
+    if rng.random() < 0.4:
+        drawn = np.clip(np.rint(rng.normal(-8, 40, len(events))), -128, 127).astype(int).tolist()
+        return [-128, *drawn[1:-1], 127][: len(events)]
+    of_mean = ilog(activity >> ACTIVITY_FRACTION_BITS)
+    return [min(max(ilog(number) - of_mean, -128), 127) for number in events]
+
+
+def _biases(design: Design, rng: np.random.Generator) -> list[int]:
+    drawn = rng.integers(0, int(rng.choice([4, 30, 256])), design.places)
+    drawn[0] = int(rng.choice([0, 255]))
+    return [int(bias) for bias in drawn]
+
+
+def _moved(
+    place: int, gain: float, speed: int, design: Design, rng: np.random.Generator
+) -> tuple[int, float, int]:
+    """Drive on: mostly as before, at times at another speed, with another gain, or elsewhere."""
+    kind = rng.random()
+    last = design.places - 1
+    if kind < 0.05:
+        return int(rng.integers(last + 1)), gain, speed
+    if kind < 0.2:
+        speed = int(rng.choice([-1, 0, 0, 1, 2, 3, 4, 5, 6, 7]))
+    if kind > 0.85:
+        gain = float(rng.choice([-2.0, -1.5, -1.0, -0.5, 0.0, 0.5, 1.0]))
+    return min(max(place + speed, 0), last), gain, speed
+
+
+def _at_threshold(case: Case, rng: np.random.Generator) -> Case:
+    """Set the threshold to a trust of the drive, or to one above it, at times."""
+    trusts = sorted({match.trust for match in case.trace().matches if match.trust})
+    if not trusts or rng.random() < 0.3:
+        return case
+    trust = int(rng.choice(trusts)) + int(rng.integers(2))
+    memories = replace(case.memories, design=replace(case.design, trust=min(trust, 368)))
+    return replace(case, memories=memories)
+
+
+# Numbers of events: at the thresholds of pauses, of few events, and of logarithms.
+
+
+def _numbers(name: str, design: Design, rng: np.random.Generator, drawn: int) -> Case:
+    """Draw windows whose numbers of events lie at thresholds, with the same pixels busy."""
+    design = replace(design, window="time", places=int(rng.choice([2, 3, 5, 8])))
+    own = int(rng.choice([-128, -60, -20, 0, 0, 30]))
+    activity = int(2 ** rng.uniform(3, 12)) << ACTIVITY_FRACTION_BITS
+    stream, mean, shown = Stream(design), activity, []
+    first = int(rng.integers(1, 40))
+    threshold = rng.random() < 0.4
+    if threshold:
+        activity = mean = (first << ACTIVITY_FRACTION_BITS + 3) + int(rng.integers(2))
+    for window in range(14):
+        of_mean = activity if design.gains > 1 else mean
+        log = ilog(of_mean >> ACTIVITY_FRACTION_BITS)
+        surplus = int(rng.choice([-60, -49, -48, -47, *range(-57, -38), -10, 0, 20]))
+        number = bisect_left(range(EVENTS_TOP), min(max(log + surplus + own, 0), 190), key=ilog)
+        if rng.random() < 0.15:
+            number = max((mean >> ACTIVITY_FRACTION_BITS + 3) + int(rng.integers(-1, 2)), 0)
+        if threshold and window == 0:
+            number = first
+        number = min(number, 1500)
+        shown.append(number)
+        mean = mean_activity_after(mean, number)
+    for number in shown:
+        stream.fill(_spread(number, design, rng))
+        if not number:
+            stream.unselected()
+    stream.close()
+    codes = rng.integers(0, design.code_max + 1, (design.places, design.slots)).tolist()
+    return stream.case(
+        name, codes, activity=activity, place_activity=[own] * design.places,
+        place_bias=_biases(design, rng) if rng.random() < 0.3 else None,
+    )  # fmt: skip
+
+
+def _spread(number: int, design: Design, rng: np.random.Generator) -> list[int]:
+    """Divide a number of events by chance among a few pixels, none of which saturates."""
+    busy = -(-number // 500) + int(rng.integers(1, 4))
+    counts = [0] * design.slots
+    slots = rng.permutation(design.slots)[:busy]
+    if not len(slots):
+        return counts
+    for slot, count in zip(
+        slots, rng.multinomial(number, [1 / len(slots)] * len(slots)), strict=True
+    ):
+        counts[slot] = int(count)
+    return counts
+
+
+def _logarithms(name: str, design: Design, rng: np.random.Generator, drawn: int) -> Case:
+    """Draw a mean number of 18 bits or more at the edge of a logarithm, and windows by it."""
+    design = replace(design, window="time", places=4)
+    log = (18 + int(rng.integers(3))) * PARTS + drawn % PARTS
+    edge = bisect_left(range(EVENTS_TOP), log, key=ilog)
+    below = drawn // PARTS % 2
+    wanted = edge - below << ACTIVITY_FRACTION_BITS
+    if design.gains > 1:
+        start = wanted
+    else:  # the first window takes 1/1024
+        start = -(-wanted * 1024 // 1023)
+        start += next(i for i in range(-3, 4) if mean_activity_after(start + i, 1) >= wanted)
+    own = -128
+    of_mean = ilog(mean_activity_after(start, 1) >> ACTIVITY_FRACTION_BITS)
+    if design.gains > 1:
+        of_mean = ilog(start >> ACTIVITY_FRACTION_BITS)
+    # the activity less that of the place is the first or the last of its row
+    row = int(rng.integers(-11, 6)) if rng.random() < 0.3 else int(rng.integers(-11, -3))
+    target = 8 * row - 4 + own + (0 if below else 7) + of_mean
+    number = bisect_left(range(EVENTS_TOP), max(target, 1), key=ilog)
+    stream = Stream(design)
+    for events in (1, min(number, 4000), min(number, 4000), 3):
+        stream.fill(_spread(events, design, rng))
+    stream.close()
+    codes = rng.integers(0, design.code_max + 1, (design.places, design.slots)).tolist()
+    return stream.case(name, codes, activity=start, place_activity=[own] * design.places)
+
+
+# Distances: wide ones, small spreads, many places.
+
+
+def _wide(name: str, design: Design, rng: np.random.Generator, drawn: int) -> Case:
+    """Draw places of any codes, with distances and sums of them above 8 and 16 bits."""
+    if design.slots * 255 + 255 <= 0xFFFF:
+        design = replace(design, code_bits=8)
+    far = design.slots * design.code_max
+    # sums of distances, or of deviations, above 16 bits; and one place among many
+    places = (12, min(max(12, 6 * 0x10000 // far), 400), 150)[drawn % 3]
+    design = replace(design, places=places, window="time")
+    stream = Stream(design)
+    windows = [_spread(int(rng.integers(1, 60)), design, rng) for _ in range(5)]
+    for counts in windows:
+        stream.fill(counts)
+    stream.close()
+    shown = stream.shown_codes(None)
+    near = list(shown[-1])
+    apart = [0 if 2 * code > design.code_max else design.code_max for code in near]
+    codes = rng.choice([0, design.code_max], (design.places, design.slots)).tolist()
+    if drawn % 3 == 1:
+        codes = [(near, apart)[k % 2] for k in range(places)]
+    if drawn % 3 == 2:
+        codes = [near] * places
+        codes[int(rng.integers(places))] = apart
+    if drawn % 6 == 5:  # the only place outside the zone around the last one
+        beside = [near[0] + (1 if near[0] < design.code_max else -1), *near[1:]]
+        codes = [apart, *[beside] * (places - 2), near]
+        design = replace(design, exclusion=places - 2)
+    elif rng.random() < 0.5:
+        codes[int(rng.integers(places))] = near
+    stream.design = design
+    return stream.case(
+        name, codes, activity=0, place_bias=_biases(design, rng) if drawn % 2 else None
+    )
+
+
+def _near(name: str, design: Design, rng: np.random.Generator, drawn: int) -> Case:
+    """Draw places that differ from the windows by a few units: spreads of 0 and 1."""
+    design = replace(design, places=int(rng.choice([4, 9, 12])))
+    counts = _spread(20, design, rng)
+    design = _long_enough(design, [counts])
+    stream = Stream(design)
+    for _ in range(6):
+        stream.fill(counts)
+    stream.close()
+    shown = stream.shown_codes(None)[-1]
+    codes = []
+    for _ in range(design.places):
+        row = list(shown)
+        for slot in rng.permutation(design.slots)[: int(rng.choice([0, 1, 1, 2, 3]))]:
+            row[slot] += 1 if row[slot] < design.code_max else -1
+        codes.append(row)
+    return stream.case(name, codes)
+
+
+def _many(name: str, design: Design, rng: np.random.Generator, drawn: int) -> Case:
+    """Draw many equal places."""
+    design = replace(design, places=int(rng.integers(257, 300)), exclusion=2)
+    counts = [_spread(20, design, rng) for _ in range(3)]
+    design = _long_enough(design, counts)
+    stream = Stream(design)
+    for one in counts:
+        stream.fill(one)
+    stream.close()
+    return stream.case(name, [stream.shown_codes(None)[0]] * design.places)
+
+
+# Long drives, and long windows.
+
+
+def _long(name: str, design: Design, rng: np.random.Generator, drawn: int) -> Case:
+    """Draw as many windows as means take for their last shift, and more."""
+    design = replace(design, places=3, window="time", code="contrast")
+    stream = Stream(design)
+    number = 40 + (1 << LAST_SHIFT) if rng.random() < 0.5 else 1030
+    for window in range(number):
+        for slot in rng.integers(0, design.slots, 1 + window % 3):
+            stream.slot(int(slot))
+        stream.end()
+    # a pause, and counts whose codes the means decide
+    stream.unselected()
+    stream.end()
+    for _ in range(1 << FIRST_SHIFT):
+        stream.fill(_spread(60, design, rng))
+    stream.close()
+    codes = rng.integers(0, design.code_max + 1, (design.places, design.slots)).tolist()
+    return stream.case(name, codes, mean=_means(design, rng), activity=2 << ACTIVITY_FRACTION_BITS)
+
+
+def _loud(name: str, design: Design, rng: np.random.Generator, drawn: int) -> Case:
+    """Draw windows in which a pixel has hundreds of events, and sums above 1,023."""
+    design = replace(design, places=4, window="time", code="contrast")
+    stream = Stream(design)
+    for _ in range(6):
+        counts = _spread(20, design, rng)
+        counts[0] = int(rng.integers(200, 700))
+        stream.fill(counts)
+    stream.close()
+    codes = rng.integers(0, design.code_max + 1, (design.places, design.slots)).tolist()
+    limits = [int(limit) for limit in rng.choice([0, 5, 1023], design.slots)]
+    return stream.case(
+        name, codes, mean=_means(design, rng), limits=limits,
+        activity=int(rng.integers(20, 900)) << ACTIVITY_FRACTION_BITS,
+    )  # fmt: skip
+
+
+def _busy(name: str, design: Design, rng: np.random.Generator, drawn: int) -> Case:
+    """Draw a window of more events than 16 bits can count, in counters that do not saturate."""
+    if design.slots * 1023 < 0x10000 + 100:
+        design = replace(design, code="counts", gains=1)
+    design = replace(design, places=4, window="time")
+    events = 0x10000 + int(rng.integers(1, 9))
+    stream = Stream(design)
+    few = [3] * design.slots
+    even = [events // design.slots] * design.slots
+    even[0] += events - sum(even)
+    for counts in (few, even, few, few):
+        stream.fill(counts)
+    stream.close()
+    codes = rng.integers(0, design.code_max + 1, (design.places, design.slots)).tolist()
+    return stream.case(name, codes, activity=100 << ACTIVITY_FRACTION_BITS)
+
+
+def _large_means(name: str, design: Design, rng: np.random.Generator, drawn: int) -> Case:
+    """Draw a mean number of events of 19 bits or more."""
+    design = replace(design, places=4, window="time")
+    stream = Stream(design)
+    for _ in range(3):
+        stream.fill(_spread(int(rng.integers(1, 30)), design, rng))
+    stream.close()
+    codes = rng.integers(0, design.code_max + 1, (design.places, design.slots)).tolist()
+    return stream.case(name, codes, activity=int(2 ** rng.uniform(26.2, 30.99)))
+
+
+def _halves(name: str, design: Design, rng: np.random.Generator, drawn: int) -> Case:
+    """Draw means that become half a unit of a logarithm, where rounding decides about a code."""
+    design = replace(design, places=3, window="time", code="contrast")
+    first = _spread(30, design, rng)
+    # the first shift is 4: means that are 8 and any number of 16 units below the level
+    levels = [LEVELS[count] for count in first]
+    mean = [(level - 8) % 16 + 16 * int(rng.integers(30)) for level in levels]
+    stream = Stream(design)
+    stream.fill(first)
+    for _ in range(3):
+        stream.fill(_spread(30, design, rng))
+    stream.close()
+    return stream.case(name, stream.shown_codes(mean)[:3], mean=mean)
+
+
+_KINDS: dict[str, Draw] = {
+    "drive": _drive,
+    "numbers": _numbers,
+    "logarithm": _logarithms,
+    "wide": _wide,
+    "near": _near,
+    "many": _many,
+    "long": _long,
+    "loud": _loud,
+    "busy": _busy,
+    "large_means": _large_means,
+    "halves": _halves,
+}
+#: kinds that are made for some facts alone
+_AIMED: dict[str, set[str]] = {
+    "logarithm": {f"logarithm_{n}{which}" for n in range(16) for which in ("", "_below")},
+    "many": {"ties_above_255"},
+    "long": {"mean_shift_7", "mean_shift_8", "window_above_1023", "speed_saturated"},
+    "busy": {"events_above_16_bits"},
+    "large_means": {f"mean_of_{n}_bits" for n in range(19, 24)},
+    "halves": {"mean_of_a_half"},
+}
