@@ -20,7 +20,8 @@ from edge_vpr.errors import UsageError
 from edge_vpr.evaluation.tracks import Track, distances
 from edge_vpr.map_record import AnyMap, MapRecord
 from edge_vpr.matching.distances import ReferenceIndex
-from edge_vpr.matching.drive import match_descriptors, match_query
+from edge_vpr.matching.drive import match_by_filter, match_descriptors
+from edge_vpr.matching.place_filter import PlaceFilter
 from edge_vpr.matching.search import exclusion_zone
 from edge_vpr.route import Odometry
 
@@ -252,7 +253,11 @@ def _aligned_both_ways(
     """
     settings, index = matching.settings, ReferenceIndex(matching.places.counts)
     number = settings.window_parts
-    matches = match_query(matching, windows, odometry)
+    place_filter = PlaceFilter.of(matching.places, settings, matching.jumps, matching.along_mm)
+    transitions = place_filter.transitions  # the best places, not the middle of those near them
+    transitions.table = transitions.table._replace(reach=0)
+    acceptance = matching.acceptance
+    matches = match_by_filter(place_filter, index, windows, settings, acceptance, odometry)
     place = matches.place
     better = _better_places(index, windows, place, settings.exclusion_places)
     by_window = settings.replaced({"places_per_window": 1, "gains": 1}, "alignment")
@@ -271,10 +276,7 @@ def _aligned_both_ways(
             continue
         if not 0 <= end - begin <= MOST_PACE * number * (last - first):
             continue
-        gap = windows.take(slice(first, last + 1))
-        stretch = matching.places.take(slice(begin, end + 1))
-        one_gain = settings.replaced({"gains": 1}, "alignment")
-        between = begin + match_descriptors(stretch, gap, one_gain).place
+        gap, between = windows.take(slice(first, last + 1)), place[first : last + 1]
         if _better_places(index, gap, between, settings.exclusion_places).mean() <= GAP_RANK:
             aligned[first : last + 1] = between
     return _Alignment(aligned, matches.probability >= CERTAIN)

@@ -138,7 +138,7 @@ def encode_own(
     gains : int
         Whether sums of windows are coded too, each with a mean of its own: not for one gain.
     """
-    coded = []
+    counted, coded = replace(counted, selected=counted.selected_events), []
     for windows in SUMS[: len(SUMS) if gains > 1 else 1]:
         some = replace(counted, counts=narrow(newest(counted.counts, windows)))
         coded.append(code.encode(some.counts, drive_mean(some, code, mean_activity)))

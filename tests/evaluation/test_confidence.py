@@ -235,7 +235,7 @@ CODED = Settings(
 
 
 def test_a_table_travels_with_its_map_and_with_the_state_of_a_localiser(tmp_path):
-    own = table((0, 0.25, 8), (8, 0.75, 8))
+    own = table((0, 0.25, 8), (2, 0.75, 8))
     reference = a_map(CODED.replaced({"precision": 0.7}, "test"), confidence=own)
     reference.save(tmp_path / "map.npz")
     loaded = ReferenceMap.load(tmp_path / "map.npz")
@@ -246,7 +246,7 @@ def test_a_table_travels_with_its_map_and_with_the_state_of_a_localiser(tmp_path
     localiser = Localiser(loaded)
     rows = localiser.update(events[:200])
     assert set(rows["probability"]) <= {0.25, 0.75} and set(rows["lost"]) == {True, False}
-    assert np.array_equal(rows["lost"], net_trust(rows["trust"], rows["misfit"]) < 8)
+    assert np.array_equal(rows["lost"], net_trust(rows["trust"], rows["misfit"]) < 2)
     localiser.save(tmp_path / "state.npz")
     resumed = Localiser.load(tmp_path / "state.npz")
     assert np.array_equal(resumed.update(events[200:]), localiser.update(events[200:]))
@@ -264,7 +264,7 @@ def test_a_table_is_not_used_with_settings_that_give_trust_another_scale():
 #: another value of each setting that changes the scale of the trust, and those that do not
 OF_TRUST = {
     "matching": "sequence", "filter_restart": 9,
-    "smooth": False, "exclusion": 1, "sequence_length": 9,
+    "smooth": False, "exclusion": 1, "sequence_length": 9, "gains": 1,
 }  # fmt: skip
 NOT_OF_TRUST = {"precision", "stays_on_map"}
 

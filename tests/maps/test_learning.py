@@ -162,7 +162,7 @@ def test_windows_between_anchors_are_aligned_with_the_places_between_them(drives
     counts[middle, ::2] = counts[middle, ::2].max()
     update = learn_drive(route, replace(counted, counts=counts))
     assert update.aligned[middle].all()
-    assert (np.abs(update.place[middle] - expected[middle]) <= 2).all()
+    assert (np.abs(update.place[middle] - expected[middle]) <= 3).all()
 
 
 def test_windows_away_from_the_route_are_not_learnt() -> None:

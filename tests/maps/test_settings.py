@@ -112,6 +112,7 @@ ALL_FLAGS = {  # a value other than the preset's, as the flag takes it
     "bursts": "keep",
     "matching": "sequence",
     "filter_restart": "20",
+    "gains": "1",
     "sequence_length": "2",
     "exclusion": "1",
     "precision": "0.9",

@@ -194,8 +194,8 @@ def test_codes_are_written_in_place_as_windows_are_coded(seed, bits):
     code, rng = OwnMeanCode(bits, contrast=True), np.random.default_rng(seed)
     counts, mean = rng.integers(0, 2_000, 6), rng.integers(0, 4_000, 6).astype(np.int32)
     written = np.full(6, 999, dtype=np.int64)
-    contrast = ContrastCodes(code.levels.copy(), mean, np.zeros((2, 6), dtype=np.int64), bits)
-    write_codes(counts, contrast, written)
+    contrast = ContrastCodes(code.levels.copy(), mean[None], np.zeros((2, 6), dtype=np.int64), bits)
+    write_codes(counts, contrast, 0, written)
     assert written.tolist() == code.encode(counts, mean).tolist()
 
 
