@@ -15,6 +15,8 @@ from edge_vpr.route import MOST_MM
 MOST_BYTES = 64
 #: Interval of readings, which gives some ten of them in a window.
 _LOOK_S = 0.01
+#: Most pieces of bytes in a look: an odometer that never pauses must not keep matching waiting.
+_MOST_PIECES = 2
 #: Silence of the odometer that is reported, because windows pass without a reading.
 ODOMETER_SILENT_S = 2.0
 _BAUD = 115_200
@@ -28,7 +30,7 @@ class OdometerLine:
     distance_mm : int
         Newest reading.
     readings, refused : int
-        Lines that were a reading, and lines that were none.
+        Newest lines that were a reading, and that were none.
     """
 
     def __init__(self) -> None:
@@ -37,7 +39,7 @@ class OdometerLine:
         self._rest = b""
 
     def feed(self, data: bytes, *, after_loss: bool = False) -> bool:
-        """Take the next bytes.
+        """Take the next bytes, of which only the newest line counts.
 
         Parameters
         ----------
@@ -52,11 +54,10 @@ class OdometerLine:
             Whether there was a reading.
         """
         before = self.readings
-        lines = ((b"" if after_loss else self._rest) + data).split(b"\n")
-        self._rest = lines.pop()[: MOST_BYTES + 1]
-        for line in lines:
-            if line.strip():
-                self._take(line)
+        lines, _, rest = ((b"" if after_loss else self._rest) + data).rpartition(b"\n")
+        self._rest = rest[: MOST_BYTES + 1]
+        if newest := lines.rstrip().rpartition(b"\n")[2]:
+            self._take(newest)
         return self.readings > before
 
     def _take(self, line: bytes) -> None:
@@ -102,7 +103,10 @@ class OdometerReader:
             return None
         self._look_s = now + _LOOK_S
         line = self._line
-        while (chunk := self._reader.take(0)) is not None:
+        for _ in range(_MOST_PIECES):  # the rest waits for the next look
+            chunk = self._reader.take(0)
+            if chunk is None:
+                break
             after_loss = bool(chunk.dropped) or chunk.reopened
             if line.feed(chunk.data, after_loss=after_loss):
                 self._heard_s = now

@@ -348,7 +348,7 @@ SENTENCES: list[tuple[str, str, Callable[[], object]]] = [
     ("README", "a second of the route takes {} bytes, packed as on the FPGA, and {} in the C "
      "firmware",
      lambda: (2 * int(place_bytes()),
-              2 * stride(Design(width=128, height=128, pixels=150, places=1)))),
+              2 * stride(Design(width=128, height=128, pixels=150, places=9)))),
     ("README", "a route of 500 s takes {:.0f} KiB, of which {:.0f} KiB are RAM and the rest flash, "
      "and a match takes {:.0f} ms and {:.1f} mJ at 100,000 events per second (modelled)",
      lambda: (modelled("memory (KiB)")[0], modelled("of it RAM (KiB)")[0],
