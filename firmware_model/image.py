@@ -276,7 +276,7 @@ def ram_bytes(design: Design) -> int:
 
 
 #: `vpr_design_t` and `vpr_state_t` on a processor of 32 bits, which are not in `ram_bytes`
-STRUCT_BYTES = 196
+STRUCT_BYTES = 252
 
 
 def kept_bytes(design: Design) -> int:

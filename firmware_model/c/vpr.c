@@ -433,69 +433,77 @@ static uint32_t rounded(uint32_t mean)
     return (mean + MEAN_HALF) >> MEAN_FRACTION_BITS;
 }
 
-/* The logarithm of a count of the open window, or of its sum with the one or the three before. */
-static uint32_t level_of(const vpr_design_t *d, const vpr_state_t *s, uint32_t sum, uint32_t slot)
+/* Mean over the window of the logarithms less their counters' means, rounded. No logarithm is below its
+ * mean by more than LEVEL_MAX, which is added. */
+static uint32_t window_mean(const vpr_design_t *d, const vpr_state_t *s, const uint32_t *means)
 {
-    uint32_t count = s->counts[slot];
-    const uint32_t windows = (sum == 2U) ? BEFORE : sum;
-    for (uint32_t i = 0U; i < windows; i++) {
-        count += s->before[(i * d->slots) + slot];
-    }
-    return d->level[lesser(count, CONTRAST_COUNT_MAX)];
-}
-
-/* Mean over the window of the logarithms less their counters' means, rounded, of a sum. No logarithm
- * is below its mean by more than LEVEL_MAX, which is added. */
-static uint32_t window_mean(const vpr_design_t *d, const vpr_state_t *s, uint32_t sum)
-{
-    const uint32_t *const means = &s->mean[sum * d->slots];
+    const uint16_t *const levels = d->level;
+    const uint16_t *const counts = s->counts;
     uint32_t total = 0U;
     for (uint32_t i = 0U; i < d->slots; i++) {
-        total += (level_of(d, s, sum, i) + LEVEL_MAX) - rounded(means[i]);
+        total += (levels[lesser(counts[i], CONTRAST_COUNT_MAX)] + LEVEL_MAX) - rounded(means[i]);
     }
     return quotient((total * 2U) + d->slots, d->slots * 2U);
 }
 
-/* Code each count of a sum against the running mean of its counter and the mean of the window; move
- * the running means unless the window is a pause. */
-static void code_sum(const vpr_design_t *d, vpr_state_t *s, uint32_t sum)
+/* Code each count of a sum, which is in `counts`, against the running mean of its counter and the mean
+ * of the window; move the running means unless the window is a pause. */
+static void code_sum(const vpr_design_t *d, const vpr_state_t *s, uint32_t sum)
 {
     const uint32_t code_max = d->code_max;
     /* codes have no sign: half of their range is added */
     const uint32_t half = (((code_max + 1U) / 2U) << LEVEL_FRACTION_BITS) + LEVEL_HALF + LEVEL_MAX;
-    const uint32_t of_window = window_mean(d, s, sum);
+    const uint16_t *const levels = d->level;
+    const uint16_t *const counts = s->counts;
+    const uint32_t shift = s->mean_shift;
     uint32_t *const means = &s->mean[sum * d->slots];
     uint8_t *const query = &s->query[sum * d->stride];
+    const uint32_t of_window = window_mean(d, s, means);
     for (uint32_t i = 0U; i < d->slots; i++) {
-        const uint32_t level = level_of(d, s, sum, i);
+        const uint32_t level = levels[lesser(counts[i], CONTRAST_COUNT_MAX)];
         const uint32_t mean = rounded(means[i]) + of_window;
         const uint32_t above = level + half;
         const uint32_t octaves = ((above > mean) ? (above - mean) : 0U) >> LEVEL_FRACTION_BITS;
         query[i] = (uint8_t)lesser(octaves, code_max);
         if (!s->paused) {
-            means[i] = moved(means[i], level << MEAN_FRACTION_BITS, s->mean_shift);
+            means[i] = moved(means[i], level << MEAN_FRACTION_BITS, shift);
         }
     }
 }
 
-/* Code all sums. */
+/* Code the sums of the newest four and two windows, with seven gains, and keep the counts. */
+static void code_sums(const vpr_design_t *d, vpr_state_t *s)
+{
+    uint16_t *const counts = s->counts;
+    uint16_t *const one = s->before;
+    uint16_t *const two = &one[d->slots];
+    uint16_t *const three = &two[d->slots];
+    for (uint32_t i = 0U; i < d->slots; i++) {
+        counts[i] = (uint16_t)(counts[i] + one[i] + two[i] + three[i]);
+    }
+    code_sum(d, s, 2U);
+    for (uint32_t i = 0U; i < d->slots; i++) {
+        counts[i] = (uint16_t)(counts[i] - two[i] - three[i]);
+    }
+    code_sum(d, s, 1U);
+    for (uint32_t i = 0U; i < d->slots; i++) {
+        counts[i] = (uint16_t)(counts[i] - one[i]);
+        three[i] = two[i];
+        two[i] = one[i];
+        one[i] = counts[i];
+    }
+}
+
 static void contrast_codes(const vpr_design_t *d, vpr_state_t *s)
 {
-    for (uint32_t sum = 0U; sum < d->sums; sum++) {
-        code_sum(d, s, sum);
+    if (d->gains > 1U) {
+        code_sums(d, s);
     }
+    code_sum(d, s, 0U);
     if (!s->paused && (s->mean_shift < LAST_SHIFT)) {
         s->mean_windows++;
         if (s->mean_windows == (2U << s->mean_shift)) {
             s->mean_shift++;
-        }
-    }
-    if (d->gains > 1U) {
-        for (uint32_t i = d->slots * (BEFORE - 1U); i > 0U; i--) {
-            s->before[i - 1U + d->slots] = s->before[i - 1U];
-        }
-        for (uint32_t i = 0U; i < d->slots; i++) {
-            s->before[i] = s->counts[i];
         }
     }
 }

@@ -30,6 +30,8 @@ DESIGN = Design(width=346, height=260, pixels=150, places=40, length=5, code_bit
 FILTER = Design(
     width=346, height=260, pixels=150, places=40, code="contrast", code_bits=4, matching="filter"
 )  # fmt: skip
+#: the same with seven gains, at half places
+GAINS = replace(FILTER, places_per_window=2, gains=7)
 
 # addresses are not needed inside: the structures are opaque here
 _STRUCT_BYTES = 512
@@ -61,10 +63,14 @@ class Instructions:
     filter_match: int  #: Of a match by the place filter, for `FILTER`.
     filter_per_place: int
     half_per_place: int  #: Of a place at half windows.
+    gains_window_end: int  #: Of `vpr_window_end` with seven gains.
+    gains_match: int  #: Of a match by the place filter with seven gains, for `GAINS`.
+    gains_per_place: int  #: Of a place at half windows, with two sums in use.
     sad_per_byte: float  #: Of a distance with call and return, over the slots (not their padding).
     code_bytes: int  #: Functions and constants of ``vpr.c``.
     ram_bytes: int  #: Arrays and structures, beside the stack.
     filter_ram_bytes: int
+    gains_ram_bytes: int
     stack_bytes: int  #: The most of all functions.
 
 
@@ -161,6 +167,8 @@ def measure(target: Target, folder: str | Path) -> Instructions:
     half = replace(FILTER, places_per_window=2)
     matched_half = FirmwareRun(emulator, _memories(half)).match(_WINDOWS)[1]
     half_per_place = _per_place(emulator, half, _WINDOWS, matched_half)
+    gains, matched_gains = FirmwareRun(emulator, _memories(GAINS)).match(_WINDOWS)
+    gains_per_place = _per_place(emulator, GAINS, _WINDOWS, matched_gains)
     alone = Emulator(target, build(target, folder, files=("vpr.c",), name="alone"))
     return Instructions(
         target=target.name,
@@ -176,10 +184,14 @@ def measure(target: Target, folder: str | Path) -> Instructions:
         filter_match=filtered,
         filter_per_place=filter_per_place,
         half_per_place=half_per_place,
+        gains_window_end=gains,
+        gains_match=matched_gains,
+        gains_per_place=gains_per_place,
         sad_per_byte=round(distance / DESIGN.slots, 2),
         code_bytes=alone.code_bytes,
         ram_bytes=ram_bytes(DESIGN) + structures,
         filter_ram_bytes=ram_bytes(FILTER) + structures,
+        gains_ram_bytes=ram_bytes(GAINS) + structures,
         stack_bytes=emulator.stack,
     )
 

@@ -180,7 +180,9 @@ def arrays(case: Case, done: Trace) -> dict[str, np.ndarray[Any, Any]]:
         "expected_matches": np.array(matches, dtype="<i8").reshape(-1, columns),
         "means": np.array(case.memories.mean, dtype="<u2"),
         "activity": np.array(case.memories.activity, dtype="<u4"),
+        "limits": np.array(case.memories.limits, dtype="<u2"),
         "place_activity": np.array(case.memories.place_activity, dtype="i1"),
+        "place_bias": np.array(case.memories.place_bias, dtype="u1"),
     }
 
 
