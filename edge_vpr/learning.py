@@ -167,7 +167,7 @@ def learn_drive(
         fine = reference.coded(counted).counts.astype(np.int64) << FRACTION_BITS
     else:
         windows = counted.take(slice(None, None, reference.settings.window_parts))
-        windows = replace(windows, selected=reference.counted_events(windows))
+        windows = replace(windows, counted=reference.counted_events(windows))
         own = drive_mean(windows, code, reference.mean_activity)
         fine = code.fine(counted.counts, own)
     seen, shown = _mean_by_place(fine, place, len(reference))
@@ -184,17 +184,17 @@ def learn_drive(
     places = reference.places
     # as many events as in a drive that is as bright and as fast as the reference
     events = reference.counted_events(counted)
-    of_map, of_drive = activity_of_drive(places.selected_events), activity_of_drive(events)
+    of_map, of_drive = activity_of_drive(places.counted_events), activity_of_drive(events)
     scaled = events * of_map // max(of_drive, 1)
     events, _ = _mean_by_place(scaled, place, len(places))
-    activity = _rounded(places.selected_events * weight + events, weight + 1)
+    activity = _rounded(places.counted_events * weight + events, weight + 1)
     codes = (mean + (1 << (FRACTION_BITS - 1))) >> FRACTION_BITS
     updated = replace(
         reference,
         places=replace(
             places,
             counts=codes.astype(places.counts.dtype),
-            selected=np.where(learnt, activity, places.selected_events),
+            counted=np.where(learnt, activity, places.counted_events),
         ),
         mean=initial,
         learnt_mean=mean,
@@ -260,6 +260,7 @@ def _aligned_both_ways(
     matches = match_by_filter(place_filter, index, windows, settings, acceptance, odometry)
     place = matches.place
     better = _better_places(index, windows, place, settings.exclusion_places)
+    one_gain = settings.replaced({"gains": 1}, "alignment")
     by_window = settings.replaced({"places_per_window": 1, "gains": 1}, "alignment")
     window = match_descriptors(windows, matching.windows, by_window).place
     nearest = np.minimum((place + number // 2) // number, len(window) - 1)
@@ -277,8 +278,14 @@ def _aligned_both_ways(
         if not 0 <= end - begin <= MOST_PACE * number * (last - first):
             continue
         gap, between = windows.take(slice(first, last + 1)), place[first : last + 1]
-        if _better_places(index, gap, between, settings.exclusion_places).mean() <= GAP_RANK:
-            aligned[first : last + 1] = between
+        stretch = matching.places.take(slice(begin, end + 1))
+        bound = begin + match_descriptors(stretch, gap, one_gain).place
+        ranks = [
+            _better_places(index, gap, path, settings.exclusion_places).mean()
+            for path in (between, bound)
+        ]
+        if max(ranks) <= GAP_RANK:
+            aligned[first : last + 1] = bound
     return _Alignment(aligned, matches.probability >= CERTAIN)
 
 

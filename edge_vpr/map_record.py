@@ -234,8 +234,8 @@ class MapRecord(EqualByValue):
 
     @property
     def mean_activity(self) -> int:
-        """Mean of the selected events of the reference's windows, see `activity_of_drive`."""
-        return activity_of_drive(self.windows.selected_events)
+        """Mean of the counted events of the reference's windows, see `activity_of_drive`."""
+        return activity_of_drive(self.windows.counted_events)
 
     @property
     def codes(self) -> PixelCodes | None:
@@ -312,6 +312,7 @@ class MapRecord(EqualByValue):
                 places,
                 counts=np.ascontiguousarray(places.counts[:, counters]),
                 selected=np.rint(places.selected_events * share).astype(np.int64),
+                counted=np.rint(places.counted_events * share).astype(np.int64),
             ),
             full_scale=of_counters(self.full_scale),
             mean=of_counters(self.mean),
@@ -333,7 +334,7 @@ class MapRecord(EqualByValue):
         code = self.own_mean_code
         if code is not None and self.mean is not None:
             activity, gains = self.mean_activity, self.settings.hypotheses
-            counted = replace(counted, selected=self.counted_events(counted))
+            counted = replace(counted, counted=self.counted_events(counted))
             if self.settings.running_mean:
                 return encode_running(counted, code, self.mean, activity, gains)
             return encode_own(counted, code, activity, gains)
@@ -347,7 +348,7 @@ class MapRecord(EqualByValue):
     def counted_events(self, counted: Descriptors) -> npt.NDArray[np.int64]:
         """Return the events of each window of counts that count, shape (n,)."""
         if self.limits is None:
-            return counted.selected_events
+            return counted.counted_events
         return counted_events(counted.counts, self.limits)
 
     def decoded(self, descriptors: Descriptors) -> Descriptors:
@@ -760,12 +761,12 @@ def coded_map(counted: AnyMap, settings: Settings) -> AnyMap:
     """
     places, windows = counted.places, counted.windows
     counts, events = places.counts, places.selected_events
-    full_scale, mean, limits = None, None, None
+    full_scale, mean, limits, that_count = None, None, None, None
     code = settings.own_mean_code
     if code is not None:
         limits = limits_of(windows.counts)
-        events, of_windows = (counted_events(each.counts, limits) for each in (places, windows))
-        windows = replace(windows, selected=of_windows)
+        that_count, of_windows = (counted_events(each.counts, limits) for each in (places, windows))
+        windows = replace(windows, counted=of_windows)
         mean = drive_mean(windows, code, activity_of_drive(of_windows))
         coded: npt.NDArray[np.unsignedinteger] = code.encode(counts, mean)
     else:
@@ -775,7 +776,7 @@ def coded_map(counted: AnyMap, settings: Settings) -> AnyMap:
     return replace(
         counted,
         settings=settings,
-        places=replace(places, counts=coded, selected=events),
+        places=replace(places, counts=coded, selected=events, counted=that_count),
         full_scale=full_scale,
         mean=mean,
         limits=limits,

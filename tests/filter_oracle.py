@@ -51,7 +51,7 @@ def activities(events: Sequence[int], mean_activity: int) -> list[int]:
 
 def of_reference(reference: ReferenceMap) -> DriveMap:
     """What a reference map says; its places have the events that count."""
-    settings, events = reference.settings, reference.places.selected_events.tolist()
+    settings, events = reference.settings, reference.places.counted_events.tolist()
     per_window = settings.places_per_window
     mean_activity = mean_activity_of(events, per_window)
     return drive_map(

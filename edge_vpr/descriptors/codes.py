@@ -73,7 +73,7 @@ def drive_mean(
     ndarray of int32, shape (J,)
         In units of 1/256 octave.
     """
-    events = windows.selected_events
+    events = windows.counted_events
     paused = find_pauses(events, mean_of_query(events, mean_activity))
     moving = windows.counts if paused.all() else windows.counts[~paused]
     return code.mean(moving)
@@ -138,7 +138,7 @@ def encode_own(
     gains : int
         Whether sums of windows are coded too, each with a mean of its own: not for one gain.
     """
-    counted, coded = replace(counted, selected=counted.selected_events), []
+    counted, coded = replace(counted, counted=counted.counted_events), []
     for windows in SUMS[: len(SUMS) if gains > 1 else 1]:
         some = replace(counted, counts=narrow(newest(counted.counts, windows)))
         coded.append(code.encode(some.counts, drive_mean(some, code, mean_activity)))
@@ -165,7 +165,7 @@ def encode_running(
     gains : int
         See `encode_own`.
     """
-    paused, coded = find_pauses(counted.selected_events, mean_activity), []
+    paused, coded = find_pauses(counted.counted_events, mean_activity), []
     for windows in SUMS[: len(SUMS) if gains > 1 else 1]:
         running, of_sum = RunningMean(mean), np.empty(counted.counts.shape, dtype=np.uint8)
         for i, counts in enumerate(newest(counted.counts, windows)):

@@ -129,8 +129,9 @@ class Descriptors(EqualByValue):
     events : ndarray of int64, shape (n,)
         Events of the whole sensor in each window.
     selected : ndarray of int64, shape (n,), optional
-        Events at the selected pixels, which cannot be computed from codes; of codes those that
-        count, see `codes.counted_events`.
+        Events at the selected pixels, which cannot be computed from codes.
+    counted : ndarray of int64, shape (n,), optional
+        Those of them that tell the speed, see `codes.counted_events`; by default all.
     summed : ndarray of uint8, shape (n, 2, J), optional
         Codes of the newest 2 and 4 windows together, for a filter over gains.
     """
@@ -140,6 +141,7 @@ class Descriptors(EqualByValue):
     end_us: npt.NDArray[np.int64]
     events: npt.NDArray[np.int64]
     selected: npt.NDArray[np.int64] | None = None
+    counted: npt.NDArray[np.int64] | None = None
     summed: npt.NDArray[np.uint8] | None = None
 
     def __len__(self) -> int:
@@ -153,9 +155,14 @@ class Descriptors(EqualByValue):
         """Number of events at the selected pixels, shape (n,); by default the sum of the counts."""
         return self.counts.sum(axis=1, dtype=np.int64) if self.selected is None else self.selected
 
+    @property
+    def counted_events(self) -> npt.NDArray[np.int64]:
+        """Number of events that tell the speed, shape (n,)."""
+        return self.selected_events if self.counted is None else self.counted
+
     def to_arrays(self) -> dict[str, npt.NDArray[Any]]:
         """Return the arrays by name, for an archive; the inverse of `from_arrays`."""
-        names = ("counts", "start_us", "end_us", "events", "selected", "summed")
+        names = ("counts", "start_us", "end_us", "events", "selected", "counted", "summed")
         return present(**{name: getattr(self, name) for name in names})
 
     @classmethod
@@ -167,6 +174,7 @@ class Descriptors(EqualByValue):
             arrays["end_us"],
             arrays["events"],
             arrays.get("selected"),
+            arrays.get("counted"),
             arrays.get("summed"),
         )
 
@@ -238,9 +246,10 @@ def check_descriptors(descriptors: Descriptors, counters: int) -> None:
     for name in ("start_us", "end_us"):
         check_range(getattr(descriptors, name), name, -TIME_LIMIT_US, TIME_LIMIT_US)
     check_range(descriptors.events, "events", 0, TIME_LIMIT_US)
-    if descriptors.selected is not None:
-        check_array(descriptors.selected, "selected", (np.int64,), (n,))
-        check_range(descriptors.selected, "selected", 0, TIME_LIMIT_US // n)
+    for name in ("selected", "counted"):
+        if getattr(descriptors, name) is not None:
+            check_array(getattr(descriptors, name), name, (np.int64,), (n,))
+            check_range(getattr(descriptors, name), name, 0, TIME_LIMIT_US // n)
     if descriptors.summed is not None:
         check_array(descriptors.summed, "summed", (np.uint8,), (n, 2, counters))
     if (descriptors.end_us < descriptors.start_us).any():

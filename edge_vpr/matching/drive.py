@@ -149,7 +149,7 @@ class _Drive(NamedTuple):
 
     def advance(self, begin: int, end: int) -> Iterator[tuple[int, int, WindowRows]]:
         """Advance from window `begin` to before `end`; yield a few windows at a time."""
-        events = self.queries.selected_events
+        events = self.queries.counted_events
         for i, j in runs(self.travelled[begin:end], self.block):
             first, last = begin + i, begin + j
             distance = self.travelled[first]

@@ -495,7 +495,7 @@ class PlaceFilter:
         jumps, along_mm : ndarray, optional
             See `Transitions`.
         """
-        events, number = places.selected_events, settings.window_parts
+        events, number = places.counted_events, settings.window_parts
         transitions = Transitions(
             len(places), TransitionCosts.of(settings), place_activity(events, number), jumps,
             along_mm, typical_distances(places.counts), settings.exclusion_places,

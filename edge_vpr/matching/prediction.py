@@ -213,7 +213,7 @@ def first_column(activity: int, of_place: int) -> int:
 
 
 @kernel(inner=True)
-def move(metric: Narrow, table: FilterTable, activity: int, back: bool, out: Narrow) -> None:
+def move_on(metric: Narrow, table: FilterTable, activity: int, back: bool, out: Narrow) -> None:
     """Compute the cheapest cost of each place and hypothesis one window later or earlier.
 
     All sums fit into 16 bits: a metric, its evidence and a cost add up to less than 5,500.
@@ -259,9 +259,9 @@ def move(metric: Narrow, table: FilterTable, activity: int, back: bool, out: Nar
                         out[to, h] = min(out[to, h], cost)
 
 
-@kernel(inner=True)
+@kernel(inline="always")
 def predict(metric: Narrow, table: FilterTable, activity: int, out: Narrow) -> None:
-    """Compute the cheapest cost of each place and hypothesis one window later; see `move`.
+    """Compute the cheapest cost of each place and hypothesis one window later; see `move_on`.
 
     Parameters
     ----------
@@ -276,7 +276,7 @@ def predict(metric: Narrow, table: FilterTable, activity: int, out: Narrow) -> N
     subtract_least(before, table.gains.size)
     change_gains(before, table.gains.size)
     # not a constant, for which Numba would compile another version
-    move(before, table, activity, np.bool_(False), out)
+    move_on(before, table, activity, np.bool_(False), out)
 
 
 # Prediction by a driven distance.

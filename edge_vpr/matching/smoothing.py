@@ -24,7 +24,7 @@ from edge_vpr.matching.prediction import (
     Transitions,
     Travelled,
     change_gains,
-    move,
+    move_on,
     subtract_least,
 )
 from edge_vpr.matching.trust import TRUST_FRACTION_BITS, window_misfit
@@ -75,7 +75,7 @@ def smooth_windows(
                 next_cost_to_go[k, h] = np.int16(against)
             for h in range(hypotheses, LANES):
                 next_cost_to_go[k, h] = UNUSED
-        move(next_cost_to_go, table, rows.activity[i], np.bool_(True), cost_to_go)
+        move_on(next_cost_to_go, table, rows.activity[i], np.bool_(True), cost_to_go)
         subtract_least(cost_to_go, hypotheses)
         change_gains(cost_to_go, hypotheses)
 

@@ -402,7 +402,7 @@ def map_arrays(reference: MapRecord) -> Arrays:
     if reference.confidence is not None:
         arrays |= reference.confidence.to_arrays()
     if reference.settings.matching == "filter":
-        arrays |= present(activity=reference.places.selected_events, odometer_mm=reference.along_mm)
+        arrays |= present(activity=reference.places.counted_events, odometer_mm=reference.along_mm)
     return arrays
 
 

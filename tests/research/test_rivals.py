@@ -222,7 +222,7 @@ def test_the_filter_takes_given_distances_as_it_takes_those_of_codes():
     distances = ReferenceIndex(places.counts).matrix(queries.counts)
     assert distances.max() == 12 * 255
     for smooth in (True, False):
-        changes = {"smooth": smooth, "precision": 0.99}
+        changes = {"smooth": smooth, "precision": 0.99, "gains": 1}
         settings = PRESETS["default"].replaced(changes, "test")
         expected = match_descriptors(places, queries, settings)
         activity = places.selected_events, queries.selected_events

@@ -36,7 +36,7 @@ SETTINGS = (
     "--counter-code log --counter-bits 3 --counter-scaling shared "
     "--hot-pixels {f}/hot.txt --bursts keep --sequence-length 2 --exclusion 1"
 )
-FILTER = "--matching filter --filter-restart 20 --precision 0.5 --stays-on-map"
+FILTER = "--matching filter --filter-restart 20 --gains 1 --precision 0.5 --stays-on-map"
 STREAM = "stream --port {f}/sent.bin --protocol evpr"
 PROFILE = "profile --map {f}/map.npz --recording {f}/query.npz --quick --window-s 0.1 --pairs 5"
 
@@ -136,7 +136,7 @@ RUNS = [
     ("golden verify {f}/vectors", 0),
     # the results that it names are of another case
     ("golden verify {f}/vectors --results {f}/none.csv --case corners/none --only match", 2),
-    ("golden verify {f}/vectors --port {f}/none --baud 9600", 1),
+    ("golden verify {f}/vectors --port {f}/none --baud 9600 --timeout 5", 1),
     (f"{PROFILE} -o {{f}}/profile --sensor-name ina226@hwmon2 "
      "--shunt-mohm 20", 0),
     (f"{PROFILE} -o {{f}}/profile --overwrite --json --meter", 0),

@@ -75,7 +75,7 @@ def design_by(settings: Settings, **others: Any) -> Design:
 
 def memories_of(reference: ReferenceMap, design: Design) -> Memories:
     """Take the contents of the device's tables from a map."""
-    places, events = reference.places.counts, reference.places.selected_events
+    places, events = reference.places.counts, reference.places.counted_events
     of_places = place_activity(events, reference.settings.window_parts)
     return Memories(
         design,
