@@ -125,8 +125,7 @@ def test_a_film_of_an_evaluated_drive_shows_the_truth(there, tmp_path, name, cap
     assert np.allclose(film.true.query, expected, atol=1e-6)
     for text, right in zip(film.captions(), correct, strict=True):
         assert text.endswith(", correct" if right else ", wrong")
-    # most live matches are wrong in any order of the logs, and with any offset
-    assert ("edge-vpr: warning: " in capsys.readouterr().err) == (name == "whole")
+    capsys.readouterr()
     assert main(["replay", str(copy), "-o", str(tmp_path / "silent.gif"), "--frames", "2"]) == 0
     assert "warning" not in capsys.readouterr().err  # as the evaluation has given them
     truth.write_text(truth.read_text() + "4,70,-40\n")

@@ -70,7 +70,7 @@ def match_with(pair: MappedPair, constants: Constants) -> npt.NDArray[np.int64]:
 VARIED: Mapping[str, tuple[float, ...]] = {
     "restart": (0.25, 0.5, 1.0, 1.5, 1.75),
     "steps": (0.25, 0.5, 1.0, 1.5, 2.0),
-    "typical": (0.0, 0.5, 1.0, 1.5, 2.0),
+    "typical": (0.25, 0.5, 1.0, 1.5, 2.0),
 }
 #: how the constants are shown
 SHOWN = {
