@@ -131,27 +131,58 @@ module vpr_filter #(
         .write_word_i(distance_i), .read_i(1'b1), .read_address_i(index_q), .read_word_o(kept)
     );
 
-    logic [METRIC_BITS-1:0] sum_inverse_q;  // as the search compares it
-    assign sum_o = ~sum_inverse_q;
+    // What the number of events says
+
+    logic       placed_q;  // since reset there was a best place
+    logic [7:0] of_place;
+    logic       is_best, stands;
+    logic [3:0] weight;
+
+    always_ff @(posedge clk_i) begin
+        if (found_i) placed_q <= 1'b1;
+        if (rst_i) placed_q <= 1'b0;
+    end
+
+    vpr_see see (
+        .clk_i(clk_i), .rst_i(rst_i), .is_best_i(is_best), .of_place_i(of_place),
+        .placed_i(placed_q), .paused_i(paused_i), .settled_i(settled_i),
+        .activity_inverse_i(activity_inverse_i), .weight_o(weight), .stands_o(stands)
+    );
+
+    // Evidence: the place's distance less the least one, divided by the spread, saturated, and weighted
+    // in eighths. A pause has none.
+
+    logic [DISTANCE_BITS-1:0] kept_q, above_q;
+    logic [PRODUCT_BITS-1:0]  product_q;
+    logic [EVIDENCE_BITS-1:0] limited_q;
+    logic [EVIDENCE_BITS+3:0] evidence_q;  // in eighths
+
+    // half of a reciprocal of 2^16: a shift of one bit less
+    wire [PRODUCT_BITS-SHIFT:0] divided =
+        whole ? product_q[PRODUCT_BITS-1:SHIFT-1] : {1'b0, product_q[PRODUCT_BITS-1:SHIFT]};
+    wire [EVIDENCE_BITS-1:0]    against = evidence_q[EVIDENCE_BITS+2:3];
+
+    always_ff @(posedge clk_i) begin
+        kept_q     <= kept;
+        // with a carry into the lowest bit
+        above_q    <= DISTANCE_BITS'(({kept_q, 1'b1} + {nearest_inverse_q, 1'b1}) >> 1);
+        product_q  <= PRODUCT_BITS'(above_q) * PRODUCT_BITS'(factor);
+        limited_q  <= paused_i ? '0
+                    : (divided >> EVIDENCE_BITS) != 0 ? '1 : EVIDENCE_BITS'(divided);
+        evidence_q <= (EVIDENCE_BITS + 4)'(limited_q) * (EVIDENCE_BITS + 4)'(weight);
+    end
 
     // Prediction, from the metrics of the window before
 
-    logic                   placed_q;
-    logic                   visits;  // behind the search, of places around the best
-    logic [PLACE_BITS-1:0]  visited;
-    logic [METRIC_BITS-1:0] least_q, former_inverse, prediction;
+    logic                       visits;  // behind the search, of places around the best
+    logic [PLACE_BITS-1:0]      visited;
+    logic [METRIC_BITS-1:0]     least_q, former_inverse, prediction, sum_inverse_q;
+    logic [STEPS*COST_BITS-1:0] costs;
 
-    wire [PLACE_BITS-1:0] place = visits ? visited : index_q;
+    wire [PLACE_BITS-1:0] place   = visits ? visited : index_q;
+    wire                  metrics = item && pass_q == FOR_METRICS;
 
-    wire metrics = item && pass_q == FOR_METRICS;
-
-    always_ff @(posedge clk_i) begin
-        if (found_i) begin
-            least_q  <= best_sum_i;
-            placed_q <= 1'b1;
-        end
-        if (rst_i) placed_q <= 1'b0;
-    end
+    always_ff @(posedge clk_i) if (found_i) least_q <= best_sum_i;
 
     vpr_ram #(
         .DEPTH(PLACES), .BITS(METRIC_BITS), .ADDRESS_BITS(PLACE_BITS)
@@ -159,11 +190,6 @@ module vpr_filter #(
         .clk_i(clk_i), .write_i(sum_valid_o), .write_address_i(place_o), .write_word_i(sum_inverse_q),
         .read_i(1'b1), .read_address_i(place), .read_word_o(former_inverse)
     );
-
-    logic [7:0]                 of_place;
-    logic                       is_best, stands;
-    logic [3:0]                 weight;
-    logic [STEPS*COST_BITS-1:0] costs;
 
     vpr_step_costs #(.LOADABLE(LOADABLE)) step_costs (
         .clk_i(clk_i), .load_i(load_i), .load_address_i(load_address_i), .load_word_i(load_word_i),
@@ -177,49 +203,23 @@ module vpr_filter #(
         .least_i(least_q), .prediction_o(prediction)
     );
 
-    vpr_see see (
-        .clk_i(clk_i), .rst_i(rst_i), .is_best_i(is_best), .of_place_i(of_place),
-        .placed_i(placed_q), .paused_i(paused_i), .settled_i(settled_i),
-        .activity_inverse_i(activity_inverse_i), .weight_o(weight), .stands_o(stands)
-    );
+    // Metrics, for the search; and what is told of the best
 
-    vpr_middle middle (
-        .clk_i(clk_i), .rst_i(rst_i), .found_i(found_i), .best_i(best_i), .best_sum_i(best_sum_i),
-        .visits_o(visits), .place_o(visited), .metric_inverse_i(former_inverse),
-        .is_best_o(is_best), .told_o(told_o)
-    );
+    logic [PREDICTED-1:0] valid_q;
 
-    // Evidence: the place's distance less the least one, divided by the spread, saturated, and weighted
-    // in eighths. A pause has no evidence.
+    wire [EVIDENCE_BITS:0] metric = (EVIDENCE_BITS + 1)'(prediction) + (EVIDENCE_BITS + 1)'(against);
 
-    logic [DISTANCE_BITS-1:0] kept_q, above_q;
-    logic [PRODUCT_BITS-1:0]  product_q;
-    logic [EVIDENCE_BITS-1:0] limited_q;
-    logic [EVIDENCE_BITS+3:0] evidence_q;  // in eighths
-    logic [PREDICTED-1:0]     valid_q;
-
-    // half of a reciprocal of 2^16: a shift of one bit less
-    wire [PRODUCT_BITS-SHIFT:0] divided =
-        whole ? product_q[PRODUCT_BITS-1:SHIFT-1] : {1'b0, product_q[PRODUCT_BITS-1:SHIFT]};
-
-    wire [EVIDENCE_BITS-1:0] against = evidence_q[EVIDENCE_BITS+2:3];
-    wire [EVIDENCE_BITS:0]   metric  = (EVIDENCE_BITS + 1)'(prediction) + (EVIDENCE_BITS + 1)'(against);
+    assign sum_o      = ~sum_inverse_q;  // in memory as the search compares it
+    assign sum_last_o = place_o == PLACE_BITS'(PLACES - 1);
 
     always_ff @(posedge clk_i) begin
-        kept_q        <= kept;
-        // with a carry into the lowest bit
-        above_q       <= DISTANCE_BITS'(({kept_q, 1'b1} + {nearest_inverse_q, 1'b1}) >> 1);
-        product_q     <= PRODUCT_BITS'(above_q) * PRODUCT_BITS'(factor);
-        limited_q     <= paused_i ? '0
-                       : (divided >> EVIDENCE_BITS) != 0 ? '1 : EVIDENCE_BITS'(divided);
-        evidence_q    <= (EVIDENCE_BITS + 4)'(limited_q) * (EVIDENCE_BITS + 4)'(weight);
-        valid_q <= PREDICTED'({valid_q, metrics});
+        valid_q     <= PREDICTED'({valid_q, metrics});
         sum_valid_o <= valid_q[PREDICTED-1];
         if (valid_q[PREDICTED-1]) begin
             sum_inverse_q <= |metric[EVIDENCE_BITS:METRIC_BITS] ? '0 : ~metric[METRIC_BITS-1:0];
-            residual_o <= (against >> RESIDUAL_BITS) != 0 || &against[RESIDUAL_BITS-1:RESIDUAL_LOW]
+            residual_o    <= (against >> RESIDUAL_BITS) != 0 || &against[RESIDUAL_BITS-1:RESIDUAL_LOW]
                 ? RESIDUAL_TOP : RESIDUAL_BITS'(against);
-            place_o <= place_o + 1'b1;
+            place_o       <= place_o + 1'b1;
         end
         if (begins) place_o <= '1;
         if (rst_i) begin
@@ -228,7 +228,11 @@ module vpr_filter #(
         end
     end
 
-    assign sum_last_o = place_o == PLACE_BITS'(PLACES - 1);
+    vpr_middle middle (
+        .clk_i(clk_i), .rst_i(rst_i), .found_i(found_i), .best_i(best_i), .best_sum_i(best_sum_i),
+        .visits_o(visits), .place_o(visited), .metric_inverse_i(former_inverse),
+        .is_best_o(is_best), .told_o(told_o)
+    );
 
     wire unused = &{1'b0, product_q[SHIFT-1:0], farther, evidence_q};
 endmodule
