@@ -1,6 +1,6 @@
 """Section 10 of docs/specification.md as a program: matching of drives on a computer only.
 
-Smoothing, odometry, jumps and misfit extend the place filter of `specification`.
+Smoothing, odometry, jumps, unseen time and misfit extend the place filter of `specification`.
 """
 
 from __future__ import annotations
@@ -118,6 +118,20 @@ def steps_and_jumps(
     return found
 
 
+# Unseen time.
+
+
+def spread(metrics: Sequence[int], steps: int, jumps: Sequence[tuple[int, int]]) -> list[int]:
+    """Return the least metric from which up to so many steps lead to each place."""
+    found = list(metrics)
+    for _ in range(min(steps, len(found))):
+        reached = [found[0], *(min(pair) for pair in pairwise(found))]
+        for a, b in jumps:
+            reached[b] = min(reached[b], found[a])
+        found = reached
+    return found
+
+
 # Misfit.
 
 
@@ -183,6 +197,8 @@ class Drive:
         Distance between the newest readings of the odometer in a window and in the one before.
     begin : Filter, optional
         State of the filter before these windows.
+    unseen : sequence of int, length n, optional
+        Halves of a window in which nothing was seen, as known in each window.
 
     Attributes
     ----------
@@ -203,18 +219,23 @@ class Drive:
         along: Sequence[int] = (),
         driven: Sequence[int | None] = (),
         begin: Filter | None = None,
+        unseen: Sequence[int] = (),
     ) -> None:
         self.costs, self.exclusion, self.jumps = costs, exclusion, jumps
         raw = driven or [None] * len(distances)
         self.driven = anchored(raw, spacing_of(along)) if along else raw
         self.begin = begin or Filter([0] * len(place_activity))
+        self.unseen, self.per_window = unseen or [0] * len(distances), per_window
         self.metrics: list[Sequence[int]] = []
         self.evidence: list[list[int]] = []
         self.transitions: list[Edges] = []
         #: reciprocal times weight of each window, and the share that odometry leaves, in eighths
         self.scales: list[tuple[int, int]] = []
         state, mean = self.begin, mean_activity
-        for row, count, of_anchor, mm in zip(distances, counted, self.driven, raw, strict=True):
+        for row, count, of_anchor, mm, halves in zip(
+            distances, counted, self.driven, raw, self.unseen, strict=True
+        ):
+            state = state._replace(metrics=spread(state.metrics, halves * per_window, jumps))
             paused, activity = is_pause(count, mean), activity_of(count, mean)
             mean = mean_activity_after(mean, count)
             whole = weight = weight_of(activity)
@@ -239,10 +260,13 @@ class Drive:
     def whole(self, w: int) -> list[int]:
         """Return the cost of the whole path through each place in window w."""
         cost_to_go = [0] * len(self.metrics[0])
+        end = len(cost_to_go) - 1
         for v in range(len(self.metrics) - 1, w, -1):
             total = [e + g for e, g in zip(self.evidence[v], cost_to_go, strict=True)]
             mirrored = [(k, j, cost) for j, k, cost in self.transitions[v]]
             cost_to_go = predict(total, mirrored, self.costs.restart)
+            jumps = [(end - b, end - a) for a, b in self.jumps]
+            cost_to_go = spread(cost_to_go[::-1], self.unseen[v] * self.per_window, jumps)[::-1]
         return [m + g for m, g in zip(self.metrics[w], cost_to_go, strict=True)]
 
     def follows(self, w: int, before: int | None, place: int) -> bool:
@@ -267,6 +291,8 @@ class Drive:
         best = [search(self.whole(w), self.exclusion) for w in range(n)]
         places, margins = [one.place for one in best], [margin_of(one) for one in best]
         chained = [False, *(self.follows(w, *pair) for w, pair in enumerate(pairwise(places), 1))]
+        # no window speaks for one beyond unseen time
+        chained = [one and not self.unseen[w] for w, one in enumerate(chained)]
         alike = [len(list(same)) for _, same in groupby(places)]
         row = [size for size in alike for _ in range(size)]
         terms = []
@@ -293,6 +319,8 @@ class Drive:
         state, found = self.begin, []
         for w, row in enumerate(self.metrics):
             one = search(row, self.exclusion)
+            if self.unseen[w]:
+                state = state._replace(support=0)
             follows = self.follows(w, state.place, one.place)
             state, trust = judge(state, one, self.evidence[w][one.place], follows)
             found.append(DriveMatch(*one, trust.trust))

@@ -108,7 +108,11 @@ def running_codes(reference: ReferenceMap, counted: Rows, begin: Begin) -> Rows:
 
 
 def drive_of(
-    reference: ReferenceMap, coded: Rows, events: list[int], begin: Begin | None = None
+    reference: ReferenceMap,
+    coded: Rows,
+    events: list[int],
+    begin: Begin | None = None,
+    unseen: Sequence[int] = (),
 ) -> Drive:
     """Match windows by the filter, without odometry."""
     settings, places = reference.settings, reference.places.counts.tolist()
@@ -119,6 +123,7 @@ def drive_of(
         events, begin.mean_activity, place_activities(reference),
         per_window=settings.places_per_window,
         jumps=[] if reference.jumps is None else reference.jumps.tolist(), begin=begin.filter,
+        unseen=unseen,
     )  # fmt: skip
 
 

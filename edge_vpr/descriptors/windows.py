@@ -101,6 +101,7 @@ class WindowCounts(NamedTuple):
     start_us: int
     end_us: int
     events: int  #: At any pixel.
+    unseen: int = 0  #: Halves of a window, see `UnseenTime`.
 
 
 # Descriptors: the event counts of windows, or their codes, with times.
@@ -130,6 +131,9 @@ class Descriptors(EqualByValue):
         Events of the whole sensor in each window.
     selected : ndarray of int64, shape (n,), optional
         Events at the selected pixels, which cannot be computed from codes.
+    unseen : ndarray of int64, shape (n,), optional
+        Time in which nothing was seen, as known in each window and in halves of a window, see
+        `UnseenTime`; absent if there is none.
     """
 
     counts: npt.NDArray[np.unsignedinteger]
@@ -137,6 +141,7 @@ class Descriptors(EqualByValue):
     end_us: npt.NDArray[np.int64]
     events: npt.NDArray[np.int64]
     selected: npt.NDArray[np.int64] | None = None
+    unseen: npt.NDArray[np.int64] | None = None
 
     def __len__(self) -> int:
         return len(self.start_us)
@@ -151,7 +156,7 @@ class Descriptors(EqualByValue):
 
     def to_arrays(self) -> dict[str, npt.NDArray[Any]]:
         """Return the arrays by name, for an archive; the inverse of `from_arrays`."""
-        names = ("counts", "start_us", "end_us", "events", "selected")
+        names = ("counts", "start_us", "end_us", "events", "selected", "unseen")
         return present(**{name: getattr(self, name) for name in names})
 
     @classmethod
@@ -163,6 +168,7 @@ class Descriptors(EqualByValue):
             arrays["end_us"],
             arrays["events"],
             arrays.get("selected"),
+            arrays.get("unseen"),
         )
 
     def take(self, windows: npt.NDArray[np.integer] | npt.NDArray[np.bool_] | slice) -> Descriptors:
@@ -236,6 +242,9 @@ def check_descriptors(descriptors: Descriptors, counters: int) -> None:
     if descriptors.selected is not None:
         check_array(descriptors.selected, "selected", (np.int64,), (n,))
         check_range(descriptors.selected, "selected", 0, TIME_LIMIT_US // n)
+    if descriptors.unseen is not None:
+        check_array(descriptors.unseen, "unseen", (np.int64,), (n,))
+        check_range(descriptors.unseen, "unseen", 0, TIME_LIMIT_US)
     if (descriptors.end_us < descriptors.start_us).any():
         raise MapError("a window ends before it starts: expected end_us of start_us or later")
 
@@ -256,13 +265,15 @@ _BLOCK = 1 << 12
 def collect(windows: Iterable[WindowCounts], counters: int) -> Descriptors:
     """Collect windows of `counters` counts each as descriptors in the narrowest dtype."""
     counts = [np.zeros((0, counters), dtype=np.uint8)]
-    spans = [np.zeros((0, 3), dtype=np.int64)]
+    spans = [np.zeros((0, 4), dtype=np.int64)]
     rest = iter(windows)
     while block := list(itertools.islice(rest, _BLOCK)):
         counts.append(narrow(np.stack([window.counts for window in block])))
         spans.append(np.array([window[1:] for window in block], dtype=np.int64))
-    start_us, end_us, events = np.concatenate(spans).T.copy()
-    return Descriptors(np.concatenate(counts), start_us, end_us, events)
+    start_us, end_us, events, unseen = np.concatenate(spans).T.copy()
+    return Descriptors(
+        np.concatenate(counts), start_us, end_us, events, unseen=unseen if unseen.any() else None
+    )
 
 
 # Activity of a window: how many events it has against the mean number, and whether it is a pause.

@@ -387,11 +387,16 @@ class PlaceFilter:
         set_numbers(self.state.numbers, dict(zip(NUMBER_NAMES, numbers, strict=True)))
         set_numbers(self.state.numbers, _UNPREDICTED)
 
-    def spread(self, places: int) -> None:
-        """Let the robot be up to so many places further on, and nothing speak for any of them."""
-        metric = self.state.metric
-        for _ in range(min(places, len(metric))):
-            np.minimum(metric[1:], metric[:-1], out=metric[1:])
+    def unseen(self, halves: int) -> None:
+        """Let the robot be anywhere that unseen time allows, and nothing speak for any place.
+
+        Parameters
+        ----------
+        halves : int
+            Of a window, see `UnseenTime`; in each, the robot may have driven on by a window of the
+            map, which is twice its speed.
+        """
+        self.transitions.spread(self.state.metric, halves)
         set_numbers(self.state.numbers, {"support": 0} | _UNPREDICTED)
 
     def predict_travelled(self, travelled_mm: int, driven_mm: int) -> None:

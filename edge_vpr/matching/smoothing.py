@@ -129,7 +129,9 @@ class BackwardPass:
         self._cost_to_go = np.zeros(transitions.places, dtype=np.int16)
         self._next_cost_to_go = np.empty(transitions.places, dtype=np.int16)
 
-    def add_to(self, rows: WindowRows, travelled: Sequence[Travelled]) -> None:
+    def add_to(
+        self, rows: WindowRows, travelled: Sequence[Travelled], unseen: Sequence[int]
+    ) -> None:
         """Add the cost to go to the metrics of the n windows before those added so far.
 
         Parameters
@@ -138,8 +140,10 @@ class BackwardPass:
             Results of n windows, updated in place as by `smooth_windows`.
         travelled : sequence of int or None
             Driven distance of each window.
+        unseen : sequence of int
+            See `Descriptors`.
         """
-        for first, last in reversed(list(runs(travelled, len(travelled)))):
+        for first, last in reversed(list(runs(travelled, unseen, len(travelled)))):
             smooth_windows(
                 self._cost_to_go, self._next_cost_to_go, self._transitions.table,
                 rows.part(first, last),
@@ -147,10 +151,15 @@ class BackwardPass:
             distance = travelled[first]
             if distance is not None:
                 _travel_back(self._transitions, self._next_cost_to_go, distance, self._cost_to_go)
+            self._transitions.spread(self._cost_to_go, unseen[first], back=True)
 
 
-def runs(travelled: Sequence[Travelled], most: int) -> Iterator[tuple[int, int]]:
-    """Yield the start and end of runs of windows of which only the first may have a known distance.
+def runs(
+    travelled: Sequence[Travelled], unseen: Sequence[int], most: int
+) -> Iterator[tuple[int, int]]:
+    """Yield the start and end of runs of windows.
+
+    Only the first window of each may have a known distance, or unseen time.
 
     Parameters
     ----------
@@ -160,7 +169,12 @@ def runs(travelled: Sequence[Travelled], most: int) -> Iterator[tuple[int, int]]
     begin = 0
     while begin < len(travelled):
         end = begin + 1
-        while end < len(travelled) and end - begin < most and travelled[end] is None:
+        while (
+            end < len(travelled)
+            and end - begin < most
+            and travelled[end] is None
+            and not unseen[end]
+        ):
             end += 1
         yield begin, end
         begin = end

@@ -115,10 +115,11 @@ def test_after_a_spread_above_2_to_16_a_window_is_scaled_by_its_own():
     jumps=st.integers(0, 3),
     spacing=st.sampled_from([0, 7, 1_000]),
     smooth=st.booleans(),
+    gaps=st.booleans(),
 )
 @settings(max_examples=60)
 def test_a_drive_has_the_cost_of_the_best_path_through_each_place(
-    seed, places, windows, steps, jumps, spacing, smooth
+    seed, places, windows, steps, jumps, spacing, smooth, gaps
 ):
     """Of the whole path where it is smoothed, else of the path until then."""
     rng = np.random.default_rng(seed)
@@ -136,7 +137,10 @@ def test_a_drive_has_the_cost_of_the_best_path_through_each_place(
         filter_restart=steps.restart, exclusion=1, places_per_window=steps.places_per_window,
         window="time" if steps.by_activity else "count", events_per_pixel=1.0,
     )  # fmt: skip
-    counted = replace(descriptors(queries), selected=events)
+    unseen = rng.choice([0, 0, 0, 1, 4], windows) if gaps else np.zeros(windows, dtype=np.int64)
+    counted = replace(
+        descriptors(queries), selected=events, events=np.maximum(events, 1), unseen=unseen
+    )
     found = match_descriptors(
         mapped, counted, chosen, jumps=pairs, along_mm=along, odometry=odometry
     )
@@ -150,6 +154,7 @@ def test_a_drive_has_the_cost_of_the_best_path_through_each_place(
             events.tolist(), start, place_activity(mapped.selected_events, number).tolist(),
             per_window=number, jumps=pairs.tolist(),
             along=[] if along is None else along.tolist(), driven=driven,
+            unseen=unseen.tolist(),
         )
         for start in (starts if smooth else starts[:1])
     ])  # fmt: skip

@@ -57,7 +57,9 @@ def oracle_after_each_event(reference, events):
         counted = [naive.lagged_counts(span, 0, 1, counters, 0, 10**9)[0] for span in spans]
         counted.append(naive.lagged_counts(selected, t + 1, 1, counters, tau, 0)[0])
         coded = running_codes(reference, counted, begin_of(reference))
-        drive = drive_of(reference, coded, list(map(sum, counted)))
+        seen = [one[0] for one in as_tuples(events) if one[0] <= t]
+        unseen = naive.unseen_halves(seen, tau, len(counted), t)
+        drive = drive_of(reference, coded, list(map(sum, counted)), unseen=unseen)
         expected = drive.live()
         of_windows = drive.misfits([one.place for one in expected], typical_distances(places))
         *match, trust = row_of_match(expected[-1])
@@ -112,6 +114,9 @@ def test_at_window_ends_it_says_what_the_batch_says(seed, per_window, pieces):
     reference = random_map(rng, 30, 9, tau_us=100, places_per_window=per_window)
     # from time to time the camera stands
     times = np.sort(rng.choice(rng.choice(2_000, 1_200, replace=False), 800))
+    # or sees nothing, for less than a window or for more
+    for begin in rng.integers(0, 800, int(rng.integers(0, 4))).tolist():
+        times[begin:] += int(rng.integers(10, 600))
     events = make_events(
         times, rng.integers(0, SENSOR.width, 800), rng.integers(0, SENSOR.height, 800), [0] * 800
     )
