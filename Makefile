@@ -103,6 +103,8 @@ $(call STAMP,run): pyproject.toml | $(BIN)/python
 
 $(call STAMP,test): pyproject.toml | $(BIN)/python
 	$(BIN)/python -m pip install --quiet --editable '.[test]'
+	# its libraries are for other languages, and one of them replaces a module of Python
+	-$(BIN)/python -m pip install --quiet --no-deps universalmutator
 	@touch $@ $(call STAMP,run)
 
 $(call STAMP,docs): pyproject.toml | $(BIN)/python

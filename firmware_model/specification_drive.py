@@ -1,6 +1,6 @@
 """Section 10 of docs/specification.md as a program: matching of drives on a computer only.
 
-Smoothing, odometry, jumps and misfit extend the place filter of `specification`.
+Smoothing, odometry, jumps, unseen time and misfit extend the place filter of `specification`.
 """
 
 from __future__ import annotations
@@ -208,12 +208,15 @@ class Window(NamedTuple):
         In place of them, with odometry: from every gain to every other.
     share : int
         What odometry leaves of the weight of the evidence, in eighths.
+    unseen : int
+        Halves of a window in which nothing was seen, as known in this window.
     """
 
     advanced: Advanced
     steps: Sequence[Edges]
     by_distance: Edges | None
     share: int
+    unseen: int = 0
 
     @property
     def metrics(self) -> Rows:
@@ -311,6 +314,10 @@ def smoothed(known: DriveMap, windows: Sequence[Window]) -> list[tuple[Best, Row
         found.append((best(known.filter, whole), whole))
         behind = _sums(to_go, [window.evidence(h) for h in range(len(to_go))])
         to_go = change_gain(_before(known, window, behind))
+        if window.unseen:
+            last, steps = len(known.typical) - 1, window.unseen * known.filter.per_window
+            back = [(last - b, last - a) for a, b in known.jumps]
+            to_go = [spread(row[::-1], steps, back)[::-1] for row in to_go]
     return found[::-1]
 
 
@@ -361,6 +368,7 @@ def windows_of(
     *,
     patience: int = PATIENCE,
     begin: tuple[Filter, int] | None = None,
+    unseen: Sequence[int] = (),
 ) -> list[Window]:
     """Advance the filter by the n windows of a drive.
 
@@ -374,19 +382,28 @@ def windows_of(
         Distance between the newest readings of the odometer in a window and in the one before.
     begin : Filter and int, optional
         The filter and the mean activity before these windows.
+    unseen : sequence of int, length n, optional
+        Halves of a window in which nothing was seen, as known in each window.
     """
     state, mean = begin or (known.begin(), known.mean_activity)
     raw = driven or [None] * len(counted)
     that_counts = anchored(raw, spacing_of(known.along)) if known.along else raw
     found = []
-    for rows, events, of_anchor, mm in zip(distances, counted, that_counts, raw, strict=True):
+    halves = unseen or [0] * len(counted)
+    for rows, events, of_anchor, mm, gap in zip(
+        distances, counted, that_counts, raw, halves, strict=True
+    ):
+        if gap:
+            steps = gap * known.filter.per_window
+            metrics = [spread(row, steps, known.jumps) for row in state.metrics]
+            state = state._replace(metrics=metrics, support=0, age=0)
         of_mean = known.mean_activity if len(known.filter.gains) > 1 else mean
         window = advance_window(
             known, state, activity_of(events, of_mean), is_pause(events, mean), rows,
             patience=patience, driven=of_anchor, driven_whole=mm or 0,
         )  # fmt: skip
         state, mean = window.advanced.state, mean_activity_after(mean, events)
-        found.append(window)
+        found.append(window._replace(unseen=gap))
     return found
 
 
@@ -401,6 +418,8 @@ def smoothed_matches(known: DriveMap, windows: Sequence[Window]) -> list[DriveMa
     places = [one.place for one in found]
     pairs = enumerate(pairwise(places), 1)
     chained = [False, *(is_reached(known, *pair, windows[w].by_distance) for w, pair in pairs)]
+    # no window speaks for one beyond unseen time
+    chained = [one and not window.unseen for one, window in zip(chained, windows, strict=True)]
     alike = [len(list(same)) for _, same in groupby(places)]
     row = [size for size in alike for _ in range(size)]
     terms = []
@@ -460,6 +479,20 @@ def codes_of_sums(
                 running[i] = means_after(running[i], of_sum, mean_shift(moves))
         moves += not pause
         found.append(of_window)
+    return found
+
+
+# Unseen time.
+
+
+def spread(metrics: Sequence[int], steps: int, jumps: Sequence[tuple[int, int]]) -> list[int]:
+    """Return the least metric from which up to so many steps lead to each place."""
+    found = list(metrics)
+    for _ in range(min(steps, len(found))):
+        reached = [found[0], *(min(pair) for pair in pairwise(found))]
+        for a, b in jumps:
+            reached[b] = min(reached[b], found[a])
+        found = reached
     return found
 
 

@@ -98,11 +98,13 @@ def running_codes(reference: ReferenceMap, counted: Rows, newest: Rows) -> list[
     return [list(of_window) for of_window in zip(*coded, strict=True)]
 
 
-def drive_of(reference: ReferenceMap, coded: Sequence[Rows], events: list[int]) -> list[Window]:
+def drive_of(
+    reference: ReferenceMap, coded: Sequence[Rows], events: list[int], unseen: Sequence[int] = ()
+) -> list[Window]:
     """Match windows by the filter, without odometry."""
     places = reference.places.counts.tolist()
     distances = [[[distance(place, code) for place in places] for code in sums] for sums in coded]
-    return windows_of(of_reference(reference), distances, events)
+    return windows_of(of_reference(reference), distances, events, unseen=unseen)
 
 
 def row_of_match(match: DriveMatch) -> tuple[int, int, int, int, int, int]:

@@ -46,6 +46,22 @@ def fixed_time_windows(events: Sequence[Event], tau: int) -> list[list[Event]]:
     return windows[:-1]
 
 
+def unseen_halves(times: Sequence[int], tau: int, windows: int, end: int) -> list[int]:
+    """Of each window, the halves of a window without an event that are known within it.
+
+    Of a gap, the first is known once a quarter has passed, and the others, rounded up, at its end.
+    """
+    half, quarter = max(tau // 2, 1), max(tau // 4, 1)
+    found, before = [0] * windows, 0
+    for i, t in enumerate([*times, end]):
+        if t - before >= quarter:
+            found[(before + quarter) // tau] += 1
+            if i < len(times):
+                found[t // tau] += math.ceil((t - before) / half) - 1
+        before = t
+    return found
+
+
 def fixed_count_windows(
     events: Sequence[Event], pixels: Sequence[Pixel], n: int
 ) -> list[list[Event]]:

@@ -13,6 +13,7 @@ import numpy.typing as npt
 from edge_vpr.compiling import kernel
 from edge_vpr.descriptors.cleaning import BurstFilter
 from edge_vpr.descriptors.pixels import PixelMap
+from edge_vpr.descriptors.unseen import UnseenTime
 from edge_vpr.descriptors.windows import (
     MAX_WINDOWS,
     Descriptors,
@@ -326,6 +327,8 @@ class DescriptorStream:
         self._counts = np.zeros(len(pixel_map) * (2 if polarity else 1), dtype=np.int64)
         self._counted = 0  # events still missing in a fixed-count window
         self._events = 0  # events of the open window at any pixel
+        self._unseen_time = UnseenTime(window)
+        self._unseen: list[tuple[int, int]] = []  # known and not taken yet: time, halves
         self._start = 0
         self.last_us = 0
 
@@ -350,6 +353,7 @@ class DescriptorStream:
         if events.size == 0:
             return
         check_after(events, self.last_us)
+        self._unseen += self._unseen_time.feed(events["t"])
         if isinstance(self._window, FixedTime):
             yield from self._fixed_time(events, int(events["t"][-1]), self._window.tau_us)
         else:
@@ -364,6 +368,7 @@ class DescriptorStream:
         until_us : int
             Not earlier than the last event.
         """
+        self._unseen += self._unseen_time.until(until_us)
         if isinstance(self._window, FixedTime):
             yield from self._fixed_time(NO_EVENTS, until_us, self._window.tau_us)
 
@@ -423,7 +428,10 @@ class DescriptorStream:
 
     def _take(self, start: int, end: int) -> WindowCounts:
         """Return the finished window and clear the counters."""
-        taken = WindowCounts(self._counts, start, end, self._events)
+        unseen = 0
+        while self._unseen and self._unseen[0][0] < end:
+            unseen += self._unseen.pop(0)[1]
+        taken = WindowCounts(self._counts, start, end, self._events, unseen)
         self._counts = np.zeros_like(self._counts)
         self._counted = self._events = 0
         return taken
@@ -774,7 +782,7 @@ def count_places(
     """
     number = settings.window_parts
     if number == 1:
-        return count_windows(recording, pixel_map, settings, removed)
+        return replace(count_windows(recording, pixel_map, settings, removed), unseen=None)
     check_parts(recording, settings)
     part: dict[str, object] = {"places_per_window": 1, "tau_us": max(settings.tau_us // number, 1)}
     if settings.events_per_pixel is not None:

@@ -350,7 +350,7 @@ class PixelStatistics:
         if self._room >= 0:
             image = narrow(window.counts)
             self._room -= image.nbytes
-            self._spooled.extend((image.itemsize, *window[1:]))
+            self._spooled.extend((image.itemsize, *window[1:4]))
             self._spool.write(image.data)
         self._open.append(window.counts)
         if len(self._open) < self._parts:

@@ -101,6 +101,7 @@ class WindowCounts(NamedTuple):
     start_us: int
     end_us: int
     events: int  #: At any pixel.
+    unseen: int = 0  #: Halves of a window, see `UnseenTime`.
 
 
 # Descriptors: the event counts of windows, or their codes, with times.
@@ -130,6 +131,9 @@ class Descriptors(EqualByValue):
         Events of the whole sensor in each window.
     selected : ndarray of int64, shape (n,), optional
         Events at the selected pixels, which cannot be computed from codes.
+    unseen : ndarray of int64, shape (n,), optional
+        Time in which nothing was seen, as known in each window and in halves of a window, see
+        `UnseenTime`; absent if there is none.
     counted : ndarray of int64, shape (n,), optional
         Those of them that tell the speed, see `codes.counted_events`; by default all.
     summed : ndarray of uint8, shape (n, 2, J), optional
@@ -141,6 +145,7 @@ class Descriptors(EqualByValue):
     end_us: npt.NDArray[np.int64]
     events: npt.NDArray[np.int64]
     selected: npt.NDArray[np.int64] | None = None
+    unseen: npt.NDArray[np.int64] | None = None
     counted: npt.NDArray[np.int64] | None = None
     summed: npt.NDArray[np.uint8] | None = None
 
@@ -162,7 +167,16 @@ class Descriptors(EqualByValue):
 
     def to_arrays(self) -> dict[str, npt.NDArray[Any]]:
         """Return the arrays by name, for an archive; the inverse of `from_arrays`."""
-        names = ("counts", "start_us", "end_us", "events", "selected", "counted", "summed")
+        names = (
+            "counts",
+            "start_us",
+            "end_us",
+            "events",
+            "selected",
+            "unseen",
+            "counted",
+            "summed",
+        )
         return present(**{name: getattr(self, name) for name in names})
 
     @classmethod
@@ -174,6 +188,7 @@ class Descriptors(EqualByValue):
             arrays["end_us"],
             arrays["events"],
             arrays.get("selected"),
+            arrays.get("unseen"),
             arrays.get("counted"),
             arrays.get("summed"),
         )
@@ -252,6 +267,9 @@ def check_descriptors(descriptors: Descriptors, counters: int) -> None:
             check_range(getattr(descriptors, name), name, 0, TIME_LIMIT_US // n)
     if descriptors.summed is not None:
         check_array(descriptors.summed, "summed", (np.uint8,), (n, 2, counters))
+    if descriptors.unseen is not None:
+        check_array(descriptors.unseen, "unseen", (np.int64,), (n,))
+        check_range(descriptors.unseen, "unseen", 0, TIME_LIMIT_US)
     if (descriptors.end_us < descriptors.start_us).any():
         raise MapError("a window ends before it starts: expected end_us of start_us or later")
 
@@ -272,13 +290,15 @@ _BLOCK = 1 << 12
 def collect(windows: Iterable[WindowCounts], counters: int) -> Descriptors:
     """Collect windows of `counters` counts each as descriptors in the narrowest dtype."""
     counts = [np.zeros((0, counters), dtype=np.uint8)]
-    spans = [np.zeros((0, 3), dtype=np.int64)]
+    spans = [np.zeros((0, 4), dtype=np.int64)]
     rest = iter(windows)
     while block := list(itertools.islice(rest, _BLOCK)):
         counts.append(narrow(np.stack([window.counts for window in block])))
         spans.append(np.array([window[1:] for window in block], dtype=np.int64))
-    start_us, end_us, events = np.concatenate(spans).T.copy()
-    return Descriptors(np.concatenate(counts), start_us, end_us, events)
+    start_us, end_us, events, unseen = np.concatenate(spans).T.copy()
+    return Descriptors(
+        np.concatenate(counts), start_us, end_us, events, unseen=unseen if unseen.any() else None
+    )
 
 
 # Activity of a window: how many events it has against the mean number, and whether it is a pause.

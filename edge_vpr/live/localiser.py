@@ -77,10 +77,8 @@ class LiveLocaliser:
         self._bursts = _burst_filter(reference, causal_bursts)
         self._losses = LossWatch(decoder.health)
         self._time = 0  # time that the localiser has reached
-        self._heard_us = 0  # host's time of the newest bytes
         self._dropped = False  # whether the host dropped bytes since the newest event
-        self._unseen_us = 0  # for how long nothing was seen until the next event
-        self._seen_us = 0  # time of the device until which something was seen before
+        self._away = False  # whether the link was lost, or the program, since then
         self.odometer_check = OdometerCheck()
         steps = [WarmUpStep("decoder", decoder.warm_up)]
         if reference is None:
@@ -133,17 +131,15 @@ class LiveLocaliser:
             early = decoder.gap(dropped)
         if reopened:
             decoder.health.reopened += 1
-            self._unseen_us = max(host_us - self._heard_us, 1)
-            self._seen_us = decoder.reached_us
-        self._heard_us = host_us
+            self._away = True
         events = decoder.feed(data, host_us)
         matched = 0
         self._dropped = self._dropped or dropped > 0
         if self._localiser is not None:
             # a frame without events, or a state that was kept, tells the time too
             begin_us = int(events["t"][0]) if events.size else decoder.reached_us
-            if self._unseen_us and (events.size or begin_us > self._seen_us):
-                self._go_unseen(self._localiser, early, begin_us)
+            if self._away and (events.size or begin_us > self._time):
+                self._come_back(self._localiser, early, begin_us)
                 matched = early.size
             elif self._dropped and events.size:
                 # no matches of time in which nothing was seen
@@ -209,16 +205,16 @@ class LiveLocaliser:
         self.decoder.timestamps.resume(values["clock"], passed_us)
         # what was missed is of unknown size
         self.decoder.health.reopened += 1
-        self._unseen_us, self._seen_us = passed_us, self._time
+        self._away = True
 
-    def _go_unseen(self, localiser: Localiser, early: Events, begin_us: int) -> None:
+    def _come_back(self, localiser: Localiser, early: Events, begin_us: int) -> None:
         """Match what came before a gap, and go on after it; of the gap there are no matches."""
         for piece in (*self._bursts.pieces(early), self._bursts.finish()):
             self._update(localiser, piece, [])
         localiser.skip_ticks(begin_us)
-        localiser.go_unseen(begin_us, max(begin_us - self._time, self._unseen_us))
+        localiser.advance(begin_us)
         self._losses.gap(begin_us)
-        self._time, self._unseen_us = begin_us, 0
+        self._time, self._away = begin_us, False
 
     def _match(self, events: Events, matched: int = 0, *, last: bool = False) -> LiveResult:
         """Match the events after the `matched` ones that are known to be in no burst."""

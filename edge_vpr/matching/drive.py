@@ -117,10 +117,13 @@ def filter_drive(
         travelled = [
             mm if is_known else None for mm, is_known in zip(counted.tolist(), known, strict=True)
         ]
-    drive = _Drive(place_filter, index, queries, travelled, driven)
+    unseen = [0] * n if queries.unseen is None else queries.unseen.tolist()
+    drive = _Drive(place_filter, index, queries, travelled, driven, unseen)
     found = FilteredDrive.empty(n, metrics)
     if smooth:
         _smooth(drive, found)
+        if queries.unseen is not None:  # of windows within a gap, those on both sides know nothing
+            found.columns[queries.events == 0, TRUST] = 0
         return found
     for first, _, rows in drive.advance(0, n):
         found.put(first, rows.columns, rows.least)
@@ -134,6 +137,8 @@ class _Drive(NamedTuple):
     ----------
     travelled, driven : list of int or None, list of int
         Distance in each window that `Odometer` counts, and the whole driven distance.
+    unseen : list of int
+        See `Descriptors`.
     """
 
     place_filter: PlaceFilter
@@ -141,6 +146,7 @@ class _Drive(NamedTuple):
     queries: Descriptors
     travelled: list[Travelled]
     driven: list[int]
+    unseen: list[int]
 
     @property
     def block(self) -> int:
@@ -150,8 +156,10 @@ class _Drive(NamedTuple):
     def advance(self, begin: int, end: int) -> Iterator[tuple[int, int, WindowRows]]:
         """Advance from window `begin` to before `end`; yield a few windows at a time."""
         events = self.queries.counted_events
-        for i, j in runs(self.travelled[begin:end], self.block):
+        for i, j in runs(self.travelled[begin:end], self.unseen[begin:end], self.block):
             first, last = begin + i, begin + j
+            if self.unseen[first]:
+                self.place_filter.unseen(self.unseen[first])
             distance = self.travelled[first]
             if distance is not None:
                 self.place_filter.predict_travelled(distance, self.driven[first])
@@ -196,7 +204,9 @@ def _smooth(drive: _Drive, found: FilteredDrive) -> None:
             place_filter.resume(states.pop())
         end = min(begin + length, n)
         rows = drive.rows(begin, end)
-        cost_to_go.add_to(rows, drive.travelled[begin:end], residual[begin:end])
+        cost_to_go.add_to(
+            rows, drive.travelled[begin:end], drive.unseen[begin:end], residual[begin:end]
+        )
         best[begin:end], informative[begin:end] = rows.best[:, 0], rows.factor[:, 0] > 0
         for first in range(0, end - begin, drive.block):
             some = rows.part(first, min(first + drive.block, end - begin))
@@ -208,6 +218,7 @@ def _smooth(drive: _Drive, found: FilteredDrive) -> None:
         columns[:, TRUST],
         residual,
         drive.travelled,
+        drive.unseen,
         place_filter.transitions,
     )
     columns[:, MISFIT] = smoothed_misfit(columns[:, MISFIT], informative)

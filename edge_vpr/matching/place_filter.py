@@ -560,11 +560,16 @@ class PlaceFilter:
         self.state.metric[:] = arrays["filter_metric"]
         self.state.prediction[:] = 0  # as before the first window
 
-    def spread(self, places: int) -> None:
-        """Let the robot be up to so many places further on, and nothing speak for any of them."""
-        metric = self.state.metric
-        for _ in range(min(places, len(metric))):
-            np.minimum(metric[1:], metric[:-1], out=metric[1:])
+    def unseen(self, halves: int) -> None:
+        """Let the robot be anywhere that unseen time allows, and nothing speak for any place.
+
+        Parameters
+        ----------
+        halves : int
+            Of a window, see `UnseenTime`; in each, the robot may have driven on by a window of the
+            map, which is twice its speed.
+        """
+        self.transitions.spread(self.state.metric, halves)
         set_numbers(self.state.numbers, {"support": 0, "age": 0} | _UNPREDICTED)
 
     def predict_travelled(self, travelled_mm: int, driven_mm: int) -> None:

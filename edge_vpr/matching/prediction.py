@@ -7,7 +7,7 @@ odometry; jumps of the map connect places like steps. All costs are integers wit
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -438,6 +438,29 @@ class Transitions:
             self.table.restart_cost, jumps,
         )  # fmt: skip
         return np.ascontiguousarray(found[::-1]) if back else found
+
+    def spread(self, metric: npt.NDArray[Any], windows: int, *, back: bool = False) -> None:
+        """Lower the cost of each place to the least from which up to so many windows lead to it.
+
+        Parameters
+        ----------
+        metric : ndarray of int, shape (K,)
+            Cost of each place, updated in place.
+        windows : int
+            Of the map: as many steps to the next place, or over a jump.
+        back : bool
+            Take the places to which they lead instead.
+        """
+        for _ in range(min(windows * self.costs.places_per_window, self.places)):
+            before = metric.copy()
+            if back:
+                np.minimum(before[:-1], before[1:], out=metric[:-1])
+                np.minimum.at(metric, self.jumps[:, 0], before[self.jumps[:, 1]])
+            else:
+                np.minimum(before[1:], before[:-1], out=metric[1:])
+                np.minimum.at(metric, self.jumps[:, 1], before[self.jumps[:, 0]])
+            if np.array_equal(metric, before):
+                return
 
     def weight_by_distance(self, driven_mm: int) -> int:
         """Return the largest weight that the evidence of a window may have, see `weight_of`.

@@ -89,7 +89,11 @@ class BackwardPass:
         self._next_cost_to_go = np.zeros((transitions.places, LANES), dtype=np.int16)
 
     def add_to(
-        self, rows: WindowRows, travelled: Sequence[Travelled], residual: npt.NDArray[np.int64]
+        self,
+        rows: WindowRows,
+        travelled: Sequence[Travelled],
+        unseen: Sequence[int],
+        residual: npt.NDArray[np.int64],
     ) -> None:
         """Add the cost to go to the metrics of the n windows before those added so far.
 
@@ -99,11 +103,13 @@ class BackwardPass:
             Results of n windows, updated in place as by `smooth_windows`.
         travelled : sequence of int or None
             Driven distance of each window.
+        unseen : sequence of int
+            See `Descriptors`.
         residual : ndarray of int64, shape (n,)
             Output: the evidence against each best place.
         """
         table = self._transitions.table
-        for first, last in reversed(list(runs(travelled, len(travelled)))):
+        for first, last in reversed(list(runs(travelled, unseen, len(travelled)))):
             smooth_windows(
                 self._cost_to_go, self._next_cost_to_go, table, rows.part(first, last),
                 residual[first:last],
@@ -113,10 +119,15 @@ class BackwardPass:
                 least = self._next_cost_to_go[:, : table.gains.size].min(axis=1).astype(np.int32)
                 moved = self._transitions.by_distance(least, distance, back=True)
                 self._cost_to_go[:] = (moved - moved.min())[:, None]
+            self._transitions.spread(self._cost_to_go, unseen[first], back=True)
 
 
-def runs(travelled: Sequence[Travelled], most: int) -> Iterator[tuple[int, int]]:
-    """Yield the start and end of runs of windows of which only the first may have a known distance.
+def runs(
+    travelled: Sequence[Travelled], unseen: Sequence[int], most: int
+) -> Iterator[tuple[int, int]]:
+    """Yield the start and end of runs of windows.
+
+    Only the first window of each may have a known distance, or unseen time.
 
     Parameters
     ----------
@@ -126,7 +137,12 @@ def runs(travelled: Sequence[Travelled], most: int) -> Iterator[tuple[int, int]]
     begin = 0
     while begin < len(travelled):
         end = begin + 1
-        while end < len(travelled) and end - begin < most and travelled[end] is None:
+        while (
+            end < len(travelled)
+            and end - begin < most
+            and travelled[end] is None
+            and not unseen[end]
+        ):
             end += 1
         yield begin, end
         begin = end

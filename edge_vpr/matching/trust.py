@@ -187,6 +187,7 @@ def smoothed_trust(
     margin: npt.NDArray[np.int64],
     residual: npt.NDArray[np.int64],
     travelled: Sequence[Travelled],
+    unseen: Sequence[int],
     transitions: Transitions,
 ) -> npt.NDArray[np.int64]:
     """Return the trust of the matches of a smoothed drive, see `filter_drive`.
@@ -197,8 +198,10 @@ def smoothed_trust(
         Match of each window, its margin in units of 1/16 of a metric, and the evidence against it.
     travelled : sequence of int or None
         Driven distance of each window.
+    unseen : sequence of int
+        See `Descriptors`; no window speaks for one beyond a gap.
     """
-    mean = _mean_around(place, _standing(place, margin), travelled, transitions)
+    mean = _mean_around(place, _standing(place, margin), travelled, unseen, transitions)
     return np.maximum(mean - (_largest_around(residual) << TRUST_FRACTION_BITS), 0)
 
 
@@ -231,6 +234,7 @@ def _mean_around(
     place: npt.NDArray[np.int64],
     margin: npt.NDArray[np.int64],
     travelled: Sequence[Travelled],
+    unseen: Sequence[int],
     transitions: Transitions,
 ) -> npt.NDArray[np.int64]:
     """Return the mean margin of each window and its neighbours; 0 for those beyond a restart."""
@@ -238,7 +242,8 @@ def _mean_around(
     total = np.concatenate([[0], np.cumsum(margin)])
     chain = np.zeros(len(places), dtype=np.int64)  # number of each run without a restart
     for j in range(1, len(places)):
-        chain[j] = chain[j - 1] + (not transitions.reaches(places[j - 1], places[j], travelled[j]))
+        follows = transitions.reaches(places[j - 1], places[j], travelled[j])
+        chain[j] = chain[j - 1] + (unseen[j] > 0 or not follows)
     at = np.arange(len(places))
     first = np.maximum(at - NEIGHBOURS, np.searchsorted(chain, chain, side="left"))
     last = np.minimum(at + NEIGHBOURS, np.searchsorted(chain, chain, side="right") - 1)

@@ -38,6 +38,7 @@ from edge_vpr.online.kernels import REFUSED, check_order
 from edge_vpr.online.runs import (
     NO_MATCHES,
     FilterRun,
+    MatchRows,
     MatchRun,
     SequenceRun,
     join_matches,
@@ -156,12 +157,31 @@ class Localiser:
         except (AttributeError, IndexError, ValueError):
             check_event_array(events)  # only now, since it takes as long as a few events
             raise
+        unseen_time, last_us = self.run.unseen_time, int(events["t"][-1])
+        if not unseen_time.is_near(last_us):
+            self._check(events)
+            if self.unit_check is not None:
+                self.unit_check.feed(events)
+            return join_matches(self._update_over_gaps(events))
         stop = self.run.process(events)
         if stop[1] == REFUSED:
             self._check(events)
+        unseen_time.seen_us, unseen_time.told = last_us, False
         if self.unit_check is not None:
             self.unit_check.feed(events)
         return join_matches(self.run.go_on(stop))
+
+    def _update_over_gaps(self, events: Events) -> MatchRows:
+        """Feed checked events, and tell the run when nothing was seen between them."""
+        run, found, begin = self.run, [], 0
+        for time_us, halves in run.unseen_time.feed(events["t"]):
+            end = int(np.searchsorted(events["t"], time_us))
+            if end > begin:
+                found += run.go_on(run.process(events[begin:end]))
+                begin = end
+            found += run.advance(time_us)
+            run.unseen(halves)
+        return found + run.go_on(run.process(events[begin:]))
 
     def _check(self, events: Events) -> None:
         """Raise the error of events of EVENT_DTYPE, if there is one."""
@@ -196,7 +216,11 @@ class Localiser:
                 f"time {until_us} us lies beyond {TIME_LIMIT_US}: check the clock's unit"
             )
         self.every.check_ticks(self.run.next_tick, until_us)
-        return join_matches(self.run.advance(until_us))
+        found: MatchRows = []
+        for time_us, halves in self.run.unseen_time.until(until_us):
+            found += self.run.advance(max(time_us, floor_us))
+            self.run.unseen(halves)
+        return join_matches(found + self.run.advance(until_us))
 
     def finish(self) -> None:
         """End the drive: check the unit of the times of few events too."""
@@ -261,23 +285,6 @@ class Localiser:
         if interval:
             last = until_us // interval * interval
             self.run.next_tick = max(self.run.next_tick, last)
-
-    def go_unseen(self, until_us: int, passed_us: int) -> None:
-        """Advance the time to `until_us` over a gap, in which the robot may have driven on.
-
-        Parameters
-        ----------
-        until_us : int
-            Of the first event after the gap.
-        passed_us : int
-            Length of the gap; the place filter takes any way forward for possible that a robot can
-            drive in it at twice the speed of the map.
-        """
-        self.advance(until_us)
-        if isinstance(self.run, FilterRun):
-            centres = self._reference.windows.centre_us
-            place_us = max(int(centres[-1] - centres[0]) // max(len(centres) - 1, 1), 1)
-            self.run.place_filter.spread(2 * passed_us // place_us + 1)
 
     def save(self, path: str | Path, *, overwrite: bool = False) -> None:
         """Save the map and the state, from which `load` continues exactly.

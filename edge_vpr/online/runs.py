@@ -14,6 +14,7 @@ import numpy.typing as npt
 
 from edge_vpr.archive import Arrays
 from edge_vpr.compiling import SharedState, specialise
+from edge_vpr.descriptors.unseen import UnseenTime
 from edge_vpr.descriptors.windows import Window
 from edge_vpr.events import NO_EVENTS, TIME_LIMIT_US, Events
 from edge_vpr.map_record import MapRecord
@@ -168,6 +169,8 @@ class MatchRun:
         Replaced when an array has to grow.
     kernel_state : KernelState
         The same for `process_events`; call `go_on` with its result.
+    unseen_time : UnseenTime
+        Finds the gaps of the stream.
     """
 
     def __init__(
@@ -178,6 +181,7 @@ class MatchRun:
         place_filter: PlaceFilter | None = None,
     ) -> None:
         self.places, settings = reference.places.counts, reference.settings
+        self.unseen_time = UnseenTime(window)
         code: OwnMeanCode | int | None = reference.own_mean_code
         if code is None:
             shared = settings.shared_code
@@ -253,6 +257,9 @@ class MatchRun:
                 self._window_over()
             stop = self._process(self.kernel_state, NO_EVENTS, GO_ON)
 
+    def unseen(self, halves: int) -> None:
+        """Note that nothing was seen for so many halves of a window, until now."""
+
     def _taken(self, given: int) -> npt.NDArray[np.void]:
         # as bytes: NumPy copies records field by field
         room = bytearray(self._out[: given * MATCH_DTYPE.itemsize])
@@ -279,6 +286,7 @@ class MatchRun:
             "time": s.time[alive],
             "bound": s.bound,
             "schedule": schedule,
+            "seen": np.array([self.unseen_time.seen_us, self.unseen_time.told], dtype=np.int64),
         }
 
     def resume(self, arrays: Arrays, now_us: int, floor_us: int) -> None:
@@ -286,6 +294,8 @@ class MatchRun:
         self._control["now"], self._control["floor"] = now_us, floor_us
         tick, place = arrays["schedule"].tolist()
         self._control["next_tick"], self._control["last_reported"] = tick, place
+        seen_us, told = arrays["seen"].tolist()
+        self.unseen_time.seen_us, self.unseen_time.told = seen_us, bool(told)
         s, first = self.state.windows, int(arrays["bound"][-1])
         while s.slot.size < arrays["slot"].size:
             s = grown(s)
@@ -336,6 +346,11 @@ class FilterRun(MatchRun):
         """Take a reading: until the window ends, places are predicted by the driven distance."""
         self.place_filter.transitions.check_odometry()
         self.odometer.read(distance_mm)
+        self._travel()
+
+    def unseen(self, halves: int) -> None:
+        """See `MatchRun.unseen`."""
+        self.place_filter.unseen(halves)
         self._travel()
 
     def _travel(self) -> None:

@@ -68,80 +68,21 @@ static void is_out_of_range(const char *what)
     exit(3);
 }
 
-/* A value that limits are made of. */
-static uint32_t telling(uint32_t now, const uint32_t *words)
-{
-    switch (below(9U)) {
-    case 0U:
-        return below(4U);
-    case 1U:
-        return now + 1U;
-    case 2U:
-        return now - 1U;
-    case 3U:
-        return 1U << below(32U);
-    case 4U:
-        return (1U << below(32U)) - 1U;
-    case 5U:
-        return words[below(HEADER_WORDS)];
-    case 6U:
-        return now * 2U;
-    case 7U:
-        return below(now);
-    default:
-        return random_word() >> below(32U);
-    }
-}
-
 /* Damage an image in one place; the number of its bytes from then on. */
 static uint32_t damage(uint8_t *image, uint32_t bytes)
 {
-    uint32_t words[HEADER_WORDS] = {0U};
-    memcpy(words, image, (bytes < sizeof words) ? bytes : sizeof words);
     const uint32_t at = below(bytes);
     switch (below(8U)) {
-    case 0U:
-    case 1U: { /* a word of the header, without those that no image has otherwise */
-        const uint32_t word = AT_WIDTH + below(HEADER_WORDS - AT_WIDTH);
-        words[word] = telling(words[word], words);
-        memcpy(image, words, (bytes < sizeof words) ? bytes : sizeof words);
+    case 0U: /* cut off */
+        return at;
+    case 1U: /* a small byte, as in most words of the header and most entries of tables */
+        image[at] = (uint8_t)below(8U);
         break;
-    }
-    case 2U: { /* a header that says less or more */
-        words[below(HEADER_WORDS)] = random_word();
-        memcpy(image, words, (bytes < sizeof words) ? bytes : sizeof words);
+    case 2U:
+        image[at] = (uint8_t)random_word();
         break;
-    }
-    case 3U: /* a bit */
+    default:
         image[at] ^= (uint8_t)(1U << below(8U));
-        break;
-    case 4U: /* a byte of a table */
-        if (bytes > sizeof words) {
-            image[sizeof words + below(bytes - (uint32_t)sizeof words)] = (uint8_t)below(6U);
-        }
-        break;
-    case 5U: /* a word of a table */
-        if (bytes >= (sizeof words + 4U)) {
-            const uint32_t word =
-                (uint32_t)sizeof words + (below((bytes - (uint32_t)sizeof words) / 4U) * 4U);
-            uint32_t value;
-            memcpy(&value, &image[word], 4U);
-            value = telling(value, words);
-            memcpy(&image[word], &value, 4U);
-        }
-        break;
-    case 6U: /* a part of a table over another */
-        if (bytes > (sizeof words + 32U)) {
-            const uint32_t room = bytes - (uint32_t)sizeof words - 16U;
-            memmove(&image[sizeof words + below(room)], &image[sizeof words + below(room)],
-                    1U + below(16U));
-        }
-        break;
-    default: /* cut off; half of them say so */
-        bytes = (below(2U) == 0U) ? at : (bytes - below(17U));
-        if ((below(2U) == 0U) && (bytes >= 12U)) {
-            memcpy(&image[8], &bytes, 4U);
-        }
         break;
     }
     return bytes;
@@ -166,49 +107,14 @@ static void seal(uint8_t *image, uint32_t bytes)
 /* An event near the open window's end, or anywhere in time; at a selected pixel, or elsewhere. */
 static vpr_event_t random_event(const vpr_design_t *d, const vpr_state_t *s)
 {
-    /* in microseconds, of the clock's width; windows by count have no time */
     const uint32_t scale = (d->time_scale == 0U) ? 1U : d->time_scale;
-    const uint32_t tau = d->tau / scale;
-    const uint32_t end = s->window_end / scale;
-    vpr_event_t e = {end - 1U - below(tau), random_word()};
-    switch (below(24U)) {
-    case 0U:
-        e.t = end;
-        break;
-    case 1U:
-        e.t = end + below(tau) + (tau * below(4U));
-        break;
-    case 2U:
-        e.t = end - tau - below(tau);
-        break;
-    case 3U:
-        e.t = (below(4U) == 0U) ? random_word() : e.t;
-        break;
-    default:
-        break;
+    const uint32_t pixel = d->lookup[below(d->lookup_mask + 1U)].pixel;
+    vpr_event_t e = {((s->window_end - below(d->tau)) / scale) + below(2U), random_word()};
+    if (below(24U) == 0U) {
+        e.t = random_word();
     }
-    if (scale > 1U) { /* what the device is to ignore */
-        e.t += random_word() * (0xFFFFFFFFU / scale + 1U);
-    }
-    const uint32_t entry = below(d->lookup_mask + 1U);
-    switch (below(8U)) {
-    case 0U:
-        break;
-    case 1U:
-        e.pixel = (below(2U) << 31) | (below(d->height + 1U) << 16) | below(d->lookup_mask + 2U);
-        break;
-    case 2U:
-        e.pixel = (d->lookup[entry].pixel >> 1) ^ (1U << below(32U));
-        break;
-    default:
-        for (uint32_t i = 0U; i <= d->lookup_mask; i++) { /* the next one that is somebody's */
-            const uint32_t pixel = d->lookup[(entry + i) & d->lookup_mask].pixel;
-            if (pixel != VPR_NONE) {
-                e.pixel = (below(2U) << 31) | (pixel >> 1);
-                break;
-            }
-        }
-        break;
+    if ((pixel != VPR_NONE) && (below(8U) != 0U)) {
+        e.pixel = (below(2U) << 31) | (pixel >> 1);
     }
     return e;
 }

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 import shutil
+import zlib
 from collections.abc import Mapping
 from dataclasses import dataclass
 from itertools import chain
@@ -67,6 +68,7 @@ def constants(design: Design) -> dict[str, int]:
         "TRUST": design.trust,
         "EXCLUSION": design.exclusion,
         "LARGEST_SUM": design.largest_sum,
+        "DESIGN_CRC": zlib.crc32(design.to_toml().encode("utf-8")),
     }
 
 

@@ -7,8 +7,15 @@ import shutil
 from collections.abc import Callable
 from pathlib import Path
 
-from firmware_model.hardware import registers, sources
-from firmware_model.hardware.parameters import BOARDS, PACKAGE, Board, package, tables
+from firmware_model.hardware import sources
+from firmware_model.hardware.parameters import (
+    BOARDS,
+    PACKAGE,
+    Board,
+    constants,
+    package,
+    tables,
+)
 from firmware_model.memories import Memories
 from firmware_model.vectors import formats
 from firmware_model.vectors.suite import cases_within, memory_words, standard_suites, write_suites
@@ -46,7 +53,7 @@ _README = """\
 
 - src: the core in SystemVerilog, its parameters, the systems of the boards, and benches
 - *.mem: tables of the device; the places (places.mem) are loaded over SPI
-- {header}: registers of the SPI slave, for the program of a microcontroller
+- vpr_registers.h: registers on AXI4-Lite, for a program in C; DESIGN reads {crc:#010x}
 - design.toml: the design; `edge-vpr estimate --design design.toml` tells what it costs
 - vectors: {kept} cases of golden vectors, see vectors/README.md; `edge-vpr hardware --vectors` sets
   their size
@@ -112,15 +119,12 @@ def write_project(
     text = package(design)
     beside = dict.fromkeys(name for board in BOARDS.values() for name in board.sources)
     benches = (sources.BENCH, sources.UP5K_BENCH, sources.AXI_BENCH)
-    names = (*sources.DEVICE, *beside, sources.AXI, *benches)
+    names = (*sources.DEVICE, *beside, sources.REGISTERS, sources.AXI, *benches)
     sources.copy_sources(folder / "src", names)
     (folder / "src" / f"{PACKAGE}.sv").write_text(text, encoding="ascii")
-    (folder / "src" / f"{registers.PACKAGE}.sv").write_text(
-        registers.package(design), encoding="ascii"
-    )
     (folder / "cocotb").mkdir()
     shutil.copyfile(sources.COCOTB_BENCH, folder / "cocotb" / sources.COCOTB_BENCH.name)
-    (folder / registers.HEADER).write_text(registers.header(design), encoding="ascii")
+    shutil.copyfile(sources.FOLDER / sources.HEADER, folder / sources.HEADER)
     for board in BOARDS.values():
         shutil.copyfile(sources.FOLDER / board.pins, folder / board.pins)
     for name, words in memory_words(memories).items():
@@ -139,7 +143,7 @@ def write_project(
     suites = cases_within(standard_suites(design, seed), most_bytes)
     readme = _README.format(
         pixels=design.pixels, places=design.places, lanes=design.lanes, boards=" or ".join(BOARDS),
-        board=next(iter(BOARDS)), header=registers.HEADER,
+        board=next(iter(BOARDS)), crc=constants(design)["DESIGN_CRC"],
         kept=sum(map(len, suites.values())),
     )  # fmt: skip
     (folder / "README.md").write_text(readme, encoding="ascii")

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import contextlib
 import re
-import shutil
 import signal
 import subprocess
 from collections.abc import Iterator, Sequence
@@ -73,11 +72,6 @@ def build_bench(
     package: Path,
     folder: Path,
     sources_folder: Path,
-    more: Sequence[Path] = (),
-    *,
-    library: Path | None = None,
-    slow_blocks: bool = False,
-    fast: bool = True,
 ) -> Path:
     """Build core and testbench for one design with Verilator; return the program.
 
@@ -85,31 +79,23 @@ def build_bench(
     ----------
     folder : path
         New folder, for the program.
-    more : sequence of path
-        Sources before those of the core.
-    library : path, optional
-        Folder of another program, from which Verilator's own library is taken.
-    fast : bool
-        Whether it runs three times as fast, and is built in twice the time.
 
     Raises
     ------
     ToolError
         If Verilator is not installed, or refuses the sources.
     """
-    files = [package, *more, *(sources_folder / name for name in sources.SIMULATED)]
+    files = [package, *(sources_folder / name for name in sources.SIMULATED)]
     _run(
         [
             BUILDER, "--cc", "--exe", "--main", "--timing", "-Wno-lint", "-Wno-fatal",
             "--x-assign", "unique", "--x-initial", "unique", "--top-module", "vpr_bench",
-            f"-GSLOW_BLOCKS={int(slow_blocks)}", "--Mdir", str(folder), *map(str, files),
+            "--Mdir", str(folder), *map(str, files),
         ]
     )  # fmt: skip
-    for built in library.glob("verilated*.[od]") if library else ():
-        shutil.copyfile(built, folder / built.name)  # newer than what it is made of
     program = folder / "Vvpr_bench"
     # most of the time goes to the compiler
-    options = (f"OPT_FAST=-O{int(fast)}", "OPT_SLOW=-O0", "OPT_GLOBAL=-O1", "VM_PARALLEL_BUILDS=0")
+    options = ("OPT_FAST=-O1", "OPT_SLOW=-O0", "OPT_GLOBAL=-O1", "VM_PARALLEL_BUILDS=0")
     _run(["make", "-C", str(folder), "-f", f"{program.name}.mk", program.name, *options])
     return program
 
@@ -120,24 +106,15 @@ def replay(
     name: str,
     results: Path,
     conditions: Conditions = UNDISTURBED,
-    *,
-    seconds: int | None = None,
-    trace: Path | None = None,
 ) -> Replay:
     """Replay a case of golden vectors: see `run_bench`.
-
-    Parameters
-    ----------
-    trace : path, optional
-        VCD file of the testbench's signals to be written.
 
     Raises
     ------
     ToolError
         If Icarus Verilog is not installed, or the testbench ends with a fault.
     """
-    more = [] if trace is None else [f"+trace={trace.resolve()}"]
-    said = run_bench(program, case, name, results, conditions, more, seconds=seconds)
+    said = run_bench(program, case, name, results, conditions)
     found = re.search(r"at most (\d+) in a row, cycles a match (\d+) to (\d+)", said)
     if found is None:
         raise ToolError(f"the testbench of {name} did not come to its end: {said.strip()}")

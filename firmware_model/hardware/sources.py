@@ -25,8 +25,8 @@ BENCH = "vpr_bench.sv"
 SIMULATED = (*DEVICE, BENCH)
 #: device behind SPI, as in the top modules of boards
 SPI = ("vpr_spi.sv", "vpr_spi_device.sv")
-#: device behind registers on AXI4-Lite; its generated package comes first
-AXI = "vpr_axi_lite.sv"
+#: device behind registers on AXI4-Lite, and their addresses, also for C
+REGISTERS, AXI, HEADER = "vpr_registers.sv", "vpr_axi_lite.sv", "vpr_registers.h"
 #: testbench that replays a case over AXI4-Lite
 AXI_BENCH = "vpr_axi_bench.sv"
 #: testbench that replays a case through the SPI of a board with an iCE40UP5K

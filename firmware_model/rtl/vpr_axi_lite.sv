@@ -1,5 +1,5 @@
-// Registers of the device on AXI4-Lite, as vpr_registers has them (made by edge-vpr, for each
-// design): start, tables and places, events, and matches. Events may also come by `s_event`.
+// Registers of the device on AXI4-Lite, as vpr_registers has them: start, tables and places, events,
+// and matches. Events may also come by `s_event`.
 //
 // A write that comes too early, or to no register, is answered by SLVERR and lost: the bus never
 // waits for a match. One write and one read are under way at a time. `match_waits_o` is high while
@@ -47,7 +47,7 @@ module vpr_axi_lite #(
     localparam logic [1:0] OKAY   = 2'b00;
     localparam logic [1:0] SLVERR = 2'b10;
 
-    localparam int PARTS     = vpr_registers::PLACE_PARTS;
+    localparam int PARTS     = (WORD_BITS + 31) / 32;
     localparam int PART_BITS = $clog2(PARTS + 1);
 
     // A write is taken when address and data are there
@@ -153,7 +153,7 @@ module vpr_axi_lite #(
             s_axi_rresp  <= OKAY;
             case (s_axi_araddr & 8'hFC)
                 vpr_registers::ID:            s_axi_rdata <= vpr_registers::ID_VALUE;
-                vpr_registers::DESIGN:        s_axi_rdata <= vpr_registers::DESIGN_VALUE;
+                vpr_registers::DESIGN:        s_axi_rdata <= vpr_pkg::DESIGN_CRC;
                 vpr_registers::STATUS:        s_axi_rdata <=
                     {29'b0, match_tvalid, !event_waits_q, place_ready};
                 vpr_registers::START:         s_axi_rdata <= start_q[31:0];

@@ -30,6 +30,9 @@ package vpr_pkg;
     localparam logic [8:0]   TRUST          = 9'd0;   // below which a match is not trusted
     localparam int           EXCLUSION      = 0;      // places on each side of the best's zone
     localparam logic [31:0]  LARGEST_SUM    = 32'hFFFFFFFF;  // of a sequence that is accepted
+    // verilator lint_off UNUSEDPARAM
+    localparam logic [31:0]  DESIGN_CRC     = 32'h0;  // of the design's file; for vpr_axi_lite
+    // verilator lint_on UNUSEDPARAM
 
     // What follows from it
 

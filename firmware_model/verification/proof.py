@@ -1,10 +1,8 @@
 """Prove what the core must do: ``python -m firmware_model.verification.proof``.
 
-The files of ``rtl/formal`` state what must hold at the ports of a unit or of the core. Yosys and
-the model checkers of its yosys-abc (``apt install yosys``) prove it: of the search, the prediction
-and the delay line for any number of clocks, and of the core for the first ones that it gets on. In
-the claim about the core, its memories are replaced by ones that return any word, so that it holds
-for all tables, places and contents, and its activity by one that says anything.
+The files of ``rtl/formal`` state what must hold at the ports of a unit. Yosys and the model
+checkers of its yosys-abc (``apt install yosys``) prove it for any number of clocks: of the search,
+with its delay line, and of the prediction.
 """
 
 from __future__ import annotations
@@ -20,7 +18,7 @@ from pathlib import Path
 
 from firmware_model.errors import ToolError
 from firmware_model.hardware.parameters import PACKAGE, package_with
-from firmware_model.hardware.sources import FOLDER, UNITS, text_of
+from firmware_model.hardware.sources import FOLDER, text_of
 
 #: commands of yosys-abc that prove a claim for any number of clocks; the same where these give no
 #: answer. Property directed reachability (pdr) finds an invariant and checks it
@@ -43,8 +41,6 @@ class Claim:
     #: Registers of the unit in the last file that `top` sees through ports.
     exposed: tuple[str, ...] = ()
     method: str = UNBOUNDED  #: `UNBOUNDED` or `SIMPLIFIED`.
-    #: Number of the first clocks that it is about; None if it is about all.
-    bound: int | None = None
 
 
 _REGISTERS_OF_SEARCH = (
@@ -88,49 +84,16 @@ DELAY = Claim(
 )
 
 
-def progress(name: str, within: int, clocks: int, **constants: int) -> Claim:
-    """Return the claim that a core of 2 slots, 2 places and numbers of few bits gets on.
-
-    Parameters
-    ----------
-    within : int
-        Clocks in which the core waits for nobody, within which something is taken or complete.
-    clocks : int
-        Number of the first clocks that it is about.
-    """
-    small = {
-        "PIXELS": 2, "TIMESTAMP_BITS": 4, "EVENT_TIME_BITS": 4, "TAU_US": 3, "WINDOW_EVENTS": 2,
-        "PLACES": 2, "RESTART": 2, "TRUST": 1, "LARGEST_SUM": 1, "WINDOW_EVENTS_BITS": 2,
-        "METRIC_BITS": 2, "SUM_BITS": 2, "RECIPROCAL_BITS": 5, "EVIDENCE_BITS": 2, "TRUST_BITS": 6,
-    }  # fmt: skip
-    replaced = ("vpr_activity.sv", "vpr_logarithm.sv")
-    return Claim(
-        f"in the first {clocks} clocks, an event that is offered is taken, or a window or match is "
-        f"complete, within {within} clocks ({name})",
-        "vpr_core_properties",
-        (
-            *("formal/vpr_free_memories.sv", "formal/vpr_free_activity.sv"),
-            *(unit for unit in UNITS if unit not in replaced),
-        ),
-        constants=small | constants,
-        parameters={"PROGRESS": within},
-        bound=clocks,
-    )
-
-
-SEQUENCES = progress("sequences of 2", 36, 80, LENGTH=2)
 CLAIMS = (
     SMALL_SEARCH,
     *(search(*size) for size in ((0, 4, 4), (1, 3, 3), (2, 3, 4), (3, 4, 4))),
     PREDICTION,
     DELAY,
-    SEQUENCES,
-    progress("place filter, contrast codes", 90, 120, FILTER=1, CONTRAST=1),
 )
 
 
 def holds(claim: Claim, changed: Mapping[str, str] | None = None) -> bool:
-    """Return whether a claim holds: for any number of clocks, unless it is of the first alone.
+    """Return whether a claim holds, for any number of clocks.
 
     Parameters
     ----------
@@ -166,10 +129,8 @@ def holds(claim: Claim, changed: Mapping[str, str] | None = None) -> bool:
             ],
             claim.top,
         )
-        bounded = f"fold; strash; bmc3 -F {claim.bound}"
-        method = claim.method if claim.bound is None else bounded
-        done = _run(["yosys-abc", "-c", f"read_aiger {model}; {method}"], _SECONDS)
-    if "Property proved." in done.stdout or f"asserted in {claim.bound} frames" in done.stdout:
+        done = _run(["yosys-abc", "-c", f"read_aiger {model}; {claim.method}"], _SECONDS)
+    if "Property proved." in done.stdout:
         return True
     if "was asserted in frame" in done.stdout:
         return False

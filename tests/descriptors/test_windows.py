@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import naive
 import numpy as np
 import pytest
@@ -21,8 +23,16 @@ PIXEL_MAP = PixelMap(SENSOR, *np.array(PIXELS, dtype=np.uint16).T)
 
 
 def descriptors(stream, chunks):
-    parts = [stream.update(chunk).to_arrays() for chunk in chunks]
-    return Descriptors(*(np.concatenate([part[name] for part in parts]) for name in parts[0]))
+    parts = [stream.update(chunk) for chunk in chunks]
+    parts = [replace(part, unseen=unseen_of(part)).to_arrays() for part in parts]
+    return Descriptors(
+        **{name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
+    )
+
+
+def unseen_of(windows):
+    """The halves of each window, also where there are none."""
+    return np.zeros(len(windows), dtype=np.int64) if windows.unseen is None else windows.unseen
 
 
 @given(
@@ -48,6 +58,10 @@ def test_descriptors_equal_the_oracle_however_the_stream_is_cut(
         expected = naive.fixed_time_windows(as_tuples(events), window.tau_us)
         assert found.start_us.tolist() == [k * window.tau_us for k in range(len(expected))]
         assert found.end_us.tolist() == [(k + 1) * window.tau_us for k in range(len(expected))]
+        times, tau = events["t"].tolist(), window.tau_us
+        last = times[-1] if times else 0
+        unseen = naive.unseen_halves(times, tau, last // tau + 1, last)
+        assert found.unseen.tolist() == unseen[: len(expected)]
     else:
         expected = naive.fixed_count_windows(as_tuples(events), PIXELS, window.events)
         assert found.start_us.tolist() == [w[0][0] for w in expected]

@@ -26,9 +26,6 @@ from firmware_model.emulation.build import COUNTED, EMULATED, GCC, HOST, SOURCES
 from firmware_model.emulation.emulator import Emulator
 from firmware_model.emulation.evpr_instructions import TABLE, measure
 from firmware_model.emulation.instructions import table
-from firmware_model.errors import ToolError
-from firmware_model.verification.mutants import mutants
-from firmware_model.verification.outcomes import equal_mutants
 
 pytest.importorskip("ziglang", reason="ziglang is not installed (extra firmware)")
 pytest.importorskip("unicorn", reason="unicorn is not installed (extra firmware)")
@@ -502,56 +499,6 @@ def test_no_address_or_arithmetic_is_undefined(folder):
         pytest.skip("no C compiler with -fsanitize=address,undefined")
     for setup, script in corner_scripts():
         check(setup, script, run_host(checked, setup, script))
-
-
-def scripts_for_mutants():
-    """Yield what shows most faults, and setups that are refused."""
-    timed = replace(CORNERS[0], buffer_bytes=1 << 16)
-    yield timed, polled_script(np.random.default_rng(1), timed)
-    yield from corner_scripts(each=5)
-    for name, values in REFUSED.items():
-        yield from (
-            (replace(Setup(), **{name: value}), Script.of([(SEND, ALL)])) for value in values
-        )
-
-
-def answers(folder, sources, name):
-    """Return each result and byte of the encoder, built as usual and with patience."""
-    for options, scripts in (
-        ((), scripts_for_mutants()),
-        (PATIENT, ((setup, script) for setup, script, _ in pause_scripts())),
-    ):
-        program = built_for_host(folder, sources, name, ("-Wno-error", "-O0", *options))
-        for setup, script in scripts:
-            try:
-                ran = run_host(program, setup, script)
-                yield ran.result.tobytes(), ran.ready.tobytes(), ran.out
-            except AssertionError as refused:
-                yield str(refused)
-
-
-def mutants_that_survive(folder, every):
-    """Return the changes of mutants whose answers are those of the encoder."""
-    expected = list(answers(folder, SOURCES, "usual"))
-    sources = folder / "mutants"
-    shutil.copytree(SOURCES, sources)
-    survivors = set()
-    for number, mutant in enumerate(every):
-        (sources / "evpr.c").write_text(mutant.text, encoding="ascii")
-        try:
-            found = answers(folder, sources, f"mutant-{number}")
-            if all(one == other for one, other in zip(expected, found, strict=True)):
-                survivors.add(mutant.change)
-        except (ToolError, OSError, subprocess.TimeoutExpired):
-            continue
-    return survivors
-
-
-@pytest.mark.slow
-def test_a_sample_of_the_encoders_mutants_is_found_or_equal(folder):
-    """One in forty of the systematic ones."""
-    every = list(mutants("evpr.c", (SOURCES / "evpr.c").read_text(encoding="ascii")))[5::40]
-    assert mutants_that_survive(folder, every) <= equal_mutants().keys()
 
 
 def test_the_example_runs_and_accounts_for_every_event(folder):

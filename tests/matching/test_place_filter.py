@@ -132,10 +132,11 @@ def test_after_a_spread_above_2_to_16_a_window_is_scaled_by_its_own():
     jumps=st.integers(0, 3),
     spacing=st.sampled_from([0, 7, 1_000]),
     smooth=st.booleans(),
+    gaps=st.booleans(),
 )
 @settings(max_examples=60)
 def test_a_drive_has_the_cost_of_the_best_path_through_each_place(
-    seed, places, windows, steps, jumps, spacing, smooth
+    seed, places, windows, steps, jumps, spacing, smooth, gaps
 ):
     """Of the whole path where it is smoothed, else of the path until then."""
     rng = np.random.default_rng(seed)
@@ -153,7 +154,10 @@ def test_a_drive_has_the_cost_of_the_best_path_through_each_place(
         filter_restart=steps.restart, exclusion=1, places_per_window=steps.places_per_window,
         window="time" if steps.by_activity else "count", events_per_pixel=1.0,
     )  # fmt: skip
-    counted = replace(descriptors(queries), selected=events)
+    unseen = rng.choice([0, 0, 0, 1, 4], windows) if gaps else np.zeros(windows, dtype=np.int64)
+    counted = replace(
+        descriptors(queries), selected=events, events=np.maximum(events, 1), unseen=unseen
+    )
     found = match_descriptors(
         mapped, counted, chosen, jumps=pairs, along_mm=along, odometry=odometry
     )
@@ -169,6 +173,7 @@ def test_a_drive_has_the_cost_of_the_best_path_through_each_place(
         page,
         [[[distance(p, q) for p in reference.tolist()]] for q in queries.tolist()],
         events.tolist(), driven, patience=PATIENCE_SMOOTHED if smooth else PATIENCE,
+        unseen=unseen.tolist(),
     )  # fmt: skip
     expected = smoothed_matches(page, rows) if smooth else live_matches(rows)
     best = [one for one, _ in smoothed(page, rows)] if smooth else None

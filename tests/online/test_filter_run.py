@@ -66,7 +66,9 @@ def oracle_after_each_event(reference, events):
         sums = [list(map(sum, zip(*lags[:windows], strict=True))) for windows in SUMS[:number]]
         counted.append(sums[0])
         coded = running_codes(reference, counted, sums)
-        drive = drive_of(reference, coded, events_that_count(reference, counted))
+        seen = [one[0] for one in as_tuples(events) if one[0] <= t]
+        unseen = naive.unseen_halves(seen, tau, len(counted), t)
+        drive = drive_of(reference, coded, events_that_count(reference, counted), unseen)
         typical = typical_distances(places)
         of_windows = [
             misfit_of(window, one.gain, one.place, typical[one.place])
@@ -125,6 +127,9 @@ def test_at_window_ends_it_says_what_the_batch_says(seed, per_window, pieces):
     reference = random_map(rng, 30, 9, tau_us=100, places_per_window=per_window)
     # from time to time the camera stands
     times = np.sort(rng.choice(rng.choice(2_000, 1_200, replace=False), 800))
+    # or sees nothing, for less than a window or for more
+    for begin in rng.integers(0, 800, int(rng.integers(0, 4))).tolist():
+        times[begin:] += int(rng.integers(10, 600))
     events = make_events(
         times, rng.integers(0, SENSOR.width, 800), rng.integers(0, SENSOR.height, 800), [0] * 800
     )

@@ -282,6 +282,7 @@ def running():
         ("GET http://evil.example/ HTTP/1.1\r\nHost: localhost\r\n\r\n", 404),
         ("GET / HTTP/9.9\r\nHost: localhost\r\n\r\n", 505),
         ("GET\r\n\r\n", 400),
+        ("\r\n\r\n", 400),
         ("\x16\x03\x01\x02\x00\r\n\r\n", 400),
         ("GET /" + 9_000 * "x", 431),
         ("GET / HTTP/1.1\r\n" + 200 * "A: b\r\n" + "Host: localhost\r\n\r\n", 431),

@@ -30,7 +30,7 @@ def drive(windows, seed):
     codes = (np.abs(steps) % 8).astype(np.uint8)
     # the sums of a robot at the map's speed have much the same codes
     summed = np.stack([codes, codes], axis=1)
-    return Descriptors(codes, start, start + 1_000_000, events, events, summed)
+    return Descriptors(codes, start, start + 1_000_000, events, events, summed=summed)
 
 
 def ours(settings: Settings):

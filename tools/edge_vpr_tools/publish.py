@@ -17,6 +17,7 @@ from collections import deque
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from http import HTTPStatus
+from http.client import LineTooLong
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from importlib.resources import files
 from typing import Any, NamedTuple, Self
@@ -41,7 +42,6 @@ _PAUSE_S = 1.0
 _EXHAUSTED = (errno.EMFILE, errno.ENFILE, errno.ENOBUFS, errno.ENOMEM)
 #: Silence of the camera, and of `stream` itself, that is an error for a watchdog, in seconds.
 SILENT_S, STUCK_S = 2.0, 5.0
-_BLANK_LINE = re.compile(rb"\r?\n\r?\n")
 _ADDRESS = re.compile(r"(?:(?:\[(?P<six>[^\]]+)\]|(?P<host>[^:\[\]]*)):)?(?P<port>\d{1,5})")
 
 
@@ -136,6 +136,7 @@ class MatchServer(ThreadingHTTPServer):
         self._newest: dict[str, _Newest] = {}
         self._readers: set[_Reader] = set()
         self._connections: set[socket.socket] = set()
+        self._due_s: dict[socket.socket, float] = {}  # by when a request has to be there
         self._closing = False
         self.stage = ""  #: What is compiled before the run begins.
         self._thread = threading.Thread(target=self.serve_forever, name="http", daemon=True)
@@ -253,6 +254,7 @@ class MatchServer(ThreadingHTTPServer):
             full = len(self._connections) >= MOST_CONNECTIONS
             if not full:
                 self._connections.add(request)
+                self._due_s[request] = time.monotonic() + _REQUEST_S
         if full:
             with suppress(OSError):
                 request.send(b"HTTP/1.0 503 Service Unavailable\r\n\r\ntoo many connections\n")
@@ -264,34 +266,80 @@ class MatchServer(ThreadingHTTPServer):
         """Close a connection."""
         with self._changed:
             self._connections.discard(request)
+            self._due_s.pop(request, None)
         super().shutdown_request(request)
+
+    def service_actions(self) -> None:
+        """Read no more of requests that take too long; called twice a second."""
+        now = time.monotonic()
+        with self._changed:
+            for request in [one for one, due_s in self._due_s.items() if due_s < now]:
+                del self._due_s[request]
+                with suppress(OSError):
+                    request.shutdown(socket.SHUT_RD)
+
+    def in_time(self, request: socket.socket) -> bool:
+        """Return whether a request has come in time; it may take any time from now on."""
+        with self._changed:
+            return self._due_s.pop(request, None) is not None
 
     def handle_error(self, request: Any, client_address: Any) -> None:
         """Ignore connections that end in the middle, and a system that has no thread left."""
+
+
+class _Head(io.BufferedReader):
+    """The lines of a request, which is only read up to a length."""
+
+    last = b""  #: The newest line, empty at the end.
+    left = _LONGEST_REQUEST
+
+    def readline(self, size: int | None = -1, /) -> bytes:
+        """Return the next line, or a part of it that is as long as a request may be."""
+        if not self.left:
+            raise LineTooLong("request")
+        self.last = super().readline(self.left)
+        self.left -= len(self.last)
+        return self.last
 
 
 class _Request(BaseHTTPRequestHandler):
     """Answers one request, of which nothing but a GET of a known path is accepted."""
 
     server: MatchServer
+    raw_requestline: bytes  # of the standard library
     timeout = _STUCK_S
     default_request_version = "HTTP/1.0"  # else an error for a request of two words has no status
 
+    def setup(self) -> None:
+        """Bound what is read."""
+        super().setup()
+        self._head = _Head(self.rfile.detach())
+        self.rfile = self._head
+        self._answered = False
+
     def handle(self) -> None:
-        """Read the request, and answer it."""
+        """Read the request, and answer it; what has no end, or no words, gets a status too."""
         self.request_version, self.requestline = self.default_request_version, ""
-        head, why_not = self._head()
-        if why_not is not None:
-            self.send_error(why_not)
-            return
-        self.raw_requestline, _, rest = head.partition(b"\n")
-        self.rfile.close()
-        self.rfile = io.BytesIO(rest)
-        if not self.parse_request():
-            return
+        super().handle()
+        if not self._answered:
+            in_time = self.server.in_time(self.connection)
+            self.send_error(HTTPStatus.BAD_REQUEST if in_time else HTTPStatus.REQUEST_TIMEOUT)
+
+    def parse_request(self) -> bool:
+        """Read the headers, and return whether the request is to be answered."""
+        if not self.raw_requestline.endswith(b"\n"):
+            if not self._head.left:
+                self.send_error(HTTPStatus.REQUEST_HEADER_FIELDS_TOO_LARGE)
+            return False
+        if not super().parse_request() or not self._head.last:
+            return False
         if refusal := self._refusal():
             self.send_error(*refusal)
-            return
+            return False
+        return self.server.in_time(self.connection)
+
+    def do_GET(self) -> None:
+        """Answer with what the path names."""
         path = self.path.partition("?")[0]
         if path == "/":
             self._answer(HTTPStatus.OK, "text/html", _PAGE)
@@ -303,27 +351,6 @@ class _Request(BaseHTTPRequestHandler):
             self._events()
         else:
             self.send_error(HTTPStatus.NOT_FOUND, "there are /, /events and /health")
-
-    def _head(self) -> tuple[bytes, HTTPStatus | None]:
-        """Read the request line and headers, and return why they are refused, if they are.
-
-        A body, which no GET needs, is ignored.
-        """
-        head, end_s = b"", time.monotonic() + _REQUEST_S
-        while (found := _BLANK_LINE.search(head)) is None:
-            left_s = end_s - time.monotonic()
-            if len(head) >= _LONGEST_REQUEST:
-                return head, HTTPStatus.REQUEST_HEADER_FIELDS_TOO_LARGE
-            if left_s <= 0:
-                return head, HTTPStatus.REQUEST_TIMEOUT
-            self.connection.settimeout(left_s)
-            with suppress(TimeoutError):
-                part = self.connection.recv(_LONGEST_REQUEST - len(head))
-                if not part:
-                    return head, HTTPStatus.BAD_REQUEST
-                head += part
-        self.connection.settimeout(_STUCK_S)
-        return head[: found.end()], None
 
     def _refusal(self) -> tuple[HTTPStatus, str] | None:
         """Return why a request is refused; a page of another site must not read this one."""
@@ -382,6 +409,7 @@ class _Request(BaseHTTPRequestHandler):
         self.send_header("Cross-Origin-Resource-Policy", "same-origin")
         self.send_header("X-Content-Type-Options", "nosniff")
         super().end_headers()
+        self._answered = True
 
     def send_error(self, code: int, message: str | None = None, explain: str | None = None) -> None:
         """Send an error as one line of text; a message may contain any text of the request."""

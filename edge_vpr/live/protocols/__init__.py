@@ -136,7 +136,7 @@ class Decoder:
         """
         self._host_us = host_us
         if self.live:
-            self.timestamps.hold_to(host_us)
+            self.timestamps.hear(host_us)
         self.health.bytes += len(data)
         return self._take(self._pending + data if self._pending else data, final=False)
 

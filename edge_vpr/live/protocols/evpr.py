@@ -19,6 +19,7 @@ from edge_vpr.live.protocols.timestamps import (
     admit_columns,
     empty_events,
     reach,
+    restart_clock,
     start_clock,
 )
 from edge_vpr.recordings.reading import Columns, empty_columns
@@ -215,11 +216,13 @@ def _decode_frames(kernel_state, clock, data):  # type: ignore[no-untyped-def]
             continue
         if i > start:
             size = unstuff(raw[start:i], buffers.plain) if i - start <= MAX_STUFFED else -1
-            frames = found["frames"]
+            frames, resets = found["frames"], found["resets"]
             events = _take_frame(buffers, size - _CHECK_BYTES, i - start + 1)
             # the clock takes one frame after the other, so that it is the same for any chunks
             if found["frames"] > frames:
                 start_clock(clock, found["base"])
+                if found["resets"] > resets:
+                    restart_clock(clock, found["base"])
                 columns = t[:events], x[:events], y[:events], p[:events]
                 delivered += admit_columns(clock, *columns, out[delivered:])
                 if found["idle"]:

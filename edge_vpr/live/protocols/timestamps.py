@@ -31,6 +31,9 @@ LATE_US = 100_000
 #: millisecond that would bring it further ahead are refused. The right time after a damaged one can
 #: look like a wrap, so that a damaged line would make the clock run many times too fast.
 AHEAD_US, SURE_STEP_US = 500_000, 1_000
+#: What passed at a restart of a device that vouches for its times, where no clock of the host tells
+#: it: long enough that the robot may be anywhere further on. Of others, damage may look the same.
+UNKNOWN_US = 60_000_000
 #: Number of successive events that must agree to confirm a step.
 CONFIRM = 8
 
@@ -43,6 +46,7 @@ _STATE = np.dtype(
         ("held", "<i8"),  # number of events in `_FilterState.held`
         ("allowed", "<i8"),  # time by which the host's clock allows this one to advance
         ("heard_us", "<i8"),  # newest time of the host; -1: not held against it
+        ("passed", "<i8"),  # by the host's clock, since this one has last advanced
         # counts, see `Health`
         ("off_sensor", "<i8"),
         ("late", "<i8"),
@@ -114,6 +118,10 @@ class TimestampFilter:
         self.longest_silence_us = silence
         self._state = np.zeros(1, dtype=_STATE)
         self._state["allowed"], self._state["heard_us"] = 1 << 62, -1
+        self._state["passed"] = max(1, UNKNOWN_US // tick) if clock.confirm == 1 else 1
+        # host's times of the newest bytes, and of those that last advanced this clock, to `_then`
+        self._host_us: int | None = None
+        self._advanced_us = self._then = 0
         self._held = np.empty(max(1, clock.confirm), dtype=EVENT_DTYPE)
         self.shared = SharedState(
             _FilterState(
@@ -127,9 +135,17 @@ class TimestampFilter:
         """Time of the newest event or of a later `reach`; no following event is earlier."""
         return int(self._state["now"].item()) * self._tick
 
-    def hold_to(self, host_us: int) -> None:
-        """Let the clock advance up to this time of the host; vouched times do so by themselves."""
+    def hear(self, host_us: int) -> None:
+        """Note when the next bytes came, by the host's clock.
+
+        A restart among them lasted no longer than the time since this clock has last advanced. The
+        clock may advance up to the host's; vouched times do so by themselves.
+        """
         state = self._state[0]
+        if self._host_us is None or state["now"] != self._then:
+            self._advanced_us = host_us if self._host_us is None else self._host_us
+        self._host_us, self._then = host_us, int(state["now"])
+        state["passed"] = max(1, (host_us - self._advanced_us) // self._tick)
         if self._held.size == 1:
             return
         allowed_us = AHEAD_US
@@ -164,6 +180,7 @@ class TimestampFilter:
         passed = max(0, passed_us - EARLY_US) // self._tick
         self._state["dated"] = values["dated"]
         self._state["last"], self._state["now"] = values["last"] + passed, values["now"] + passed
+        self._state["passed"] = 1  # more is not known of it
 
     def take_over_from(self, other: TimestampFilter) -> None:
         """Continue after `other`, which had another clock, in order of time."""
@@ -171,7 +188,7 @@ class TimestampFilter:
         self._state[:] = other._state
         state = self._state[0]
         state["clock_resets"] += state["dated"]
-        state["now"] += state["dated"]
+        state["now"] += state["dated"] * state["passed"]
         state["dated"] = 0
         self.report(0, 0)
 
@@ -185,7 +202,7 @@ class TimestampFilter:
     def report(self, decoded: int, delivered: int) -> None:
         """Add the events of a chunk, and the counts of the kernel, to the health."""
         health = self.health
-        _, _, _, held, _, _, off_sensor, late, leaps, wraps, clock_resets = self._state.item()
+        _, _, _, held, _, _, _, off_sensor, late, leaps, wraps, clock_resets = self._state.item()
         health.decoded += decoded
         health.events += delivered
         health.held, health.off_sensor, health.late, health.leaps = held, off_sensor, late, leaps
@@ -221,6 +238,18 @@ def start_clock(kernel_state, time):  # type: ignore[no-untyped-def]
     s = _FilterState(*kernel_state.value).state[0]
     if not s["dated"]:
         s["dated"], s["last"] = 1, time
+
+
+@kernel
+def restart_clock(kernel_state, time):  # type: ignore[no-untyped-def]
+    """Go on after a restart of the device, whose new clock shows `time`."""
+    s = _FilterState(*kernel_state.value).state[0]
+    if s["dated"]:
+        s["leaps"] += s["held"]
+        s["held"] = 0
+        s["now"] += s["passed"]
+        s["clock_resets"] += 1
+        s["last"] = time
 
 
 @kernel
@@ -283,7 +312,9 @@ def admit_columns(kernel_state, t, x, y, p, out):  # type: ignore[no-untyped-def
                     allowed -= step
                 else:
                     s["clock_resets"] += 1
-                    now += 1
+                    step = max(1, min(s["passed"], allowed))
+                    now += step
+                    allowed -= step
                 last = first
                 for k in range(n_held):
                     step = _step(last, held[k]["t"], period, late)
