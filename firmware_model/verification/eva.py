@@ -85,7 +85,7 @@ _SMALL_OPTIONS = (
 #: the gauges know how far a pointer is in a loop over many places; each block of places is a state
 #: of its own in the passes over them
 _LARGE_OPTIONS = (
-    _STATES, f"{_OF_ALL},advance_by_evidence:800",
+    _STATES, f"{_OF_ALL},evidence:800",
     "-eva-slevel", "2", _UNROLL, "24", _DOMAINS, "cvalue,symbolic-locations,equality,gauges",
 )  # fmt: skip
 _C_TYPES = {"B": "uint8_t", "b": "int8_t", "H": "uint16_t", "I": "uint32_t", "II": "vpr_entry_t"}
@@ -117,7 +117,11 @@ static void any_state(void)
     state.history = was.history;
     state.delay = was.delay;
     state.mean = was.mean;
+    state.before = was.before;
     state.metric = was.metric;
+    state.bank = was.bank;
+    state.place = Frama_C_nondet(0, 1) ? 0xFFFFFFFFU : UP_TO(PLACES - 1U);
+    state.gain = UP_TO(6U);
     state.distance = was.distance;
     state.seen = UP_TO(LENGTH);
     state.newest = UP_TO(LENGTH - 1U);
