@@ -20,31 +20,12 @@ LOG_TOP = 23 * PARTS
 #: activity of a place against the mean of the reference: 8 bits with sign
 PLACE_LOW, PLACE_HIGH = -128, 127
 
-#: cost of a step of 0, 1, 2 and 3 places, in units of 1/4: a row for each half octave of a window's
-#: activity less that of the place that is reached, from -6 to 2 octaves; see `activity_costs`
-ACTIVITY_COSTS = (
-    (4, 24, 47, 71), (4, 22, 43, 66), (4, 20, 39, 61), (4, 17, 36, 57), (4, 15, 32, 52),
-    (4, 12, 28, 48), (4, 10, 24, 43), (4, 7, 20, 38), (4, 5, 17, 34), (4, 3, 13, 30),
-    (5, 1, 10, 26), (7, 0, 8, 22), (9, 0, 6, 20), (11, 0, 5, 18), (15, 1, 5, 17),
-    (19, 3, 5, 16), (22, 4, 4, 15),
-)  # fmt: skip
-#: the same where a window of the reference starts at each half window: steps of 0 to 6 places
-HALF_PLACE_COSTS = (
-    (4, 17, 44, 63, 80, 107, 120), (4, 15, 39, 57, 73, 100, 111), (4, 14, 35, 51, 67, 92, 103),
-    (4, 12, 31, 45, 60, 84, 95), (4, 10, 26, 40, 53, 77, 87), (4, 8, 22, 34, 46, 69, 79),
-    (4, 6, 18, 28, 40, 62, 70), (4, 4, 14, 22, 33, 54, 62), (5, 3, 10, 17, 27, 47, 55),
-    (5, 1, 6, 11, 20, 40, 46), (6, 1, 2, 7, 14, 33, 39), (8, 1, 1, 4, 10, 28, 34),
-    (12, 3, 0, 2, 7, 24, 29), (17, 6, 1, 1, 5, 22, 26), (23, 11, 2, 1, 4, 20, 24),
-    (30, 16, 6, 3, 5, 20, 23), (37, 21, 8, 4, 5, 20, 22),
-)  # fmt: skip
-#: cost of steps by the number of places per window
-COSTS_BY_ACTIVITY = {1: ACTIVITY_COSTS, 2: HALF_PLACE_COSTS}
-#: a row of `ACTIVITY_COSTS` spans ``2**COST_ROW_SHIFT`` parts of an octave; row of equal activity
+#: a row of `BANK_COSTS` spans ``2**COST_ROW_SHIFT`` parts of an octave; row of equal activity
 COST_ROW_SHIFT, SAME_ROW = 3, 12
 #: a window with no event, or less than 1/8 of the mean number, is a pause: it has no evidence
 PAUSE_SHIFT = 3
-#: evidence has no weight up to this activity, and all of it, ``2**WEIGHT_BITS``, an octave above
-WEIGHT_FROM, WEIGHT_BITS = -3 * PARTS, 3
+#: evidence has a weight of up to ``2**WEIGHT_BITS``
+WEIGHT_BITS = 3
 
 
 def least_events() -> npt.NDArray[np.int64]:
@@ -61,37 +42,6 @@ def least_events() -> npt.NDArray[np.int64]:
             root = math.isqrt(root - 1) + 1
         found.append(root - 1)
     return np.array(found, dtype=np.int64)
-
-
-#: shares of the windows that are expected to move on by 0, 1, 2 ... places, and standard deviation
-#: of the activity at each speed in octaves, by the number of places per window
-SHARES = {1: (0.2, 0.6, 0.19, 0.01), 2: (0.1, 0.25, 0.3, 0.25, 0.1, 0.002, 0.001)}
-OCTAVES = {1: 1.2, 2: 0.9}
-
-
-def activity_costs(places_per_window: int = 1) -> npt.NDArray[np.int64]:
-    """Compute `COSTS_BY_ACTIVITY` from `SHARES`, and from the speed that each step stands for.
-
-    A step costs ``-ln(share)``, and that of a normal distribution: the logarithm of the activity
-    has a standard deviation of `OCTAVES` around that of the step's length in windows, or of 0.3 for
-    standing. The cheapest step of a row costs at most 1.
-
-    Parameters
-    ----------
-    places_per_window : {1, 2}
-        Number of places that start in one window of the reference.
-
-    Returns
-    -------
-    ndarray of int64, shape (17, steps)
-    """
-    octaves = np.arange(len(ACTIVITY_COSTS)) / 2 - SAME_ROW / 2
-    share = np.array(SHARES[places_per_window])
-    steps = np.maximum(np.arange(share.size) / places_per_window, 0.3)
-    off = octaves[:, None] - np.log2(steps)
-    cost = off**2 / (2 * OCTAVES[places_per_window] ** 2) - np.log(share)
-    least = cost.min(axis=1, keepdims=True)
-    return np.rint(4 * (cost - least + np.minimum(least - least.min(), 1))).astype(np.int64)
 
 
 # The bank of gains: hypotheses of how many events the camera sends against that of the reference.

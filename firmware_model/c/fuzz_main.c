@@ -140,8 +140,10 @@ static void end_window(const vpr_design_t *d, vpr_state_t *s)
         is_out_of_range("a match");
     }
     if (got.second != VPR_NONE) {
-        const bool left = got.second < got.place;
-        const uint32_t apart = left ? (got.place - got.second) : (got.second - got.place);
+        /* the filter tells the middle of the places near the best */
+        const uint32_t best = (d->steps != 0U) ? s->place : got.place;
+        const bool left = got.second < best;
+        const uint32_t apart = left ? (best - got.second) : (got.second - best);
         if ((got.second >= d->place_count) || (apart <= d->exclusion) ||
             (got.second_sum < got.sum)) {
             is_out_of_range("a second best");

@@ -37,7 +37,8 @@ _SMALL = {"pixels": 12, "sigma": 1.0, "tau_us": 100_000, "remove_bursts": False}
 #: settings of each profile, by what is chosen
 PROFILES: dict[str, dict[str, Any]] = {
     "robot": {"preset": "default"},
-    "robot, one place per window": {"preset": "default", "places_per_window": 1},
+    "robot, one gain": {"preset": "default", "gains": 1},
+    "robot, one place per window": {"preset": "default", "places_per_window": 1, "gains": 1},
     "paper": {"preset": "paper", "counter_code": "linear", "counter_bits": 4},
     "paper, windows by number": {
         "preset": "paper", "counter_code": "linear", "counter_bits": 4, "window": "count",
@@ -77,6 +78,8 @@ def driven(request) -> Driven:
     now = replace(reference.settings, smooth=False)
     reference = replace(reference, settings=now)
     design = design_of(reference, lanes=4)
+    if settings.profile == "robot":  # of devices, maps have one gain by default
+        design = replace(design, gains=settings.gains)
     found = tuple(Event(t, x, y, bool(p)) for t, x, y, p in drives[1].tolist())
     case = Case("drive", memories_of(reference, design), found)
     return Driven(reference, drives[1], case, case.trace().matches)
@@ -130,6 +133,8 @@ def test_the_firmware_returns_every_record_of_the_specification(driven, tmp_path
 @pytest.mark.skipif(shutil.which("iverilog") is None, reason="iverilog is not installed")
 def test_the_core_returns_every_record_of_the_specification(driven, tmp_path: Path):
     """In SystemVerilog, simulated with stalls and a reset."""
+    if driven.case.design.gains > 1:
+        pytest.skip("the core has one gain")
     short = replace(driven.case, events=driven.case.events[:8_000])
     write_suites(tmp_path / "v", short.design, {"drive": [short]}, 0, rtl=True)
     outcome = replay.hold(tmp_path / "v", Conditions(seed=2, stall=20, resets=1))
