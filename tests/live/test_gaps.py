@@ -20,7 +20,7 @@ PIECE_US = 20_000
 #: when nothing is seen, in seconds of the drive; without a gap, matches are accepted then
 BEGIN_S = 30.0
 #: seconds from a gap to the next match that is accepted, at most
-SOON_S = 12.0
+SOON_S = 16.0
 
 
 @pytest.fixture(scope="module")

@@ -48,7 +48,8 @@ def folder(tmp_path_factory):
     folder = tmp_path_factory.mktemp("drives")
     for seed, name in enumerate(("monday", "tuesday")):
         ev.write_recording(folder / f"{name}.npz", events_of(seed), sensor=SENSOR)
-        (folder / f"{name}.csv").write_text("time_s,position_m\n0,0\n2,20\n")
+        rows = "0,0\n2,20\n" if seed == 0 else "0,0\n1,10\n2,20\n"  # two logs of one pace
+        (folder / f"{name}.csv").write_text(f"time_s,position_m\n{rows}")
     return folder
 
 
@@ -228,9 +229,9 @@ def test_a_camera_that_sees_a_quarter_of_the_events_is_matched_live_too():
     events = np.concatenate(list(second))
     few = events[np.random.default_rng(0).random(events.size) < 1 / 4]
     truth = (first.track, second.track)
-    for how, least in (({}, 0.95), ({"smooth": False}, 0.8), ({"every": "window"}, 0.8)):
+    for how, begin in (({}, 0), ({"smooth": False}, 20), ({"every": "window"}, 20)):
         found = route.match(few, **how).evaluate(truth, tolerance_m=10)
-        assert found.precision_at_100_recall > least
+        assert found.correct[begin:].mean() > 0.8  # live, once the gain is known
 
 
 @pytest.mark.filterwarnings("error")

@@ -29,13 +29,16 @@ from edge_vpr_tools.research.experiments.pairs import INNER, CountedDrive, Count
 from streams import Drive
 from test_network_baselines import conv_model
 
+from edge_vpr.confidence import Acceptance
 from edge_vpr.descriptors.pixels import PixelMap
-from edge_vpr.descriptors.windows import Descriptors
+from edge_vpr.descriptors.windows import Descriptors, activity_of_drive, place_activity
 from edge_vpr.errors import UsageError
 from edge_vpr.evaluation.ground_truth import Alignment, from_alignment
 from edge_vpr.events import Sensor
 from edge_vpr.matching.distances import ReferenceIndex
-from edge_vpr.matching.drive import match_descriptors
+from edge_vpr.matching.drive import match_by_filter
+from edge_vpr.matching.place_filter import PATIENCE, PATIENCE_SMOOTHED, PlaceFilter
+from edge_vpr.matching.prediction import TransitionCosts, Transitions
 from edge_vpr.recordings import open_recording
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.settings import PRESETS
@@ -224,8 +227,13 @@ def test_the_filter_takes_given_distances_as_it_takes_those_of_codes():
     for smooth in (True, False):
         changes = {"smooth": smooth, "precision": 0.99, "gains": 1}
         settings = PRESETS["default"].replaced(changes, "test")
-        expected = match_descriptors(places, queries, settings)
         activity = places.selected_events, queries.selected_events
+        transitions = Transitions(30, TransitionCosts.of(settings), place_activity(activity[0]))
+        patience = PATIENCE_SMOOTHED if smooth else PATIENCE
+        place_filter = PlaceFilter(transitions, activity_of_drive(activity[0]), patience)
+        expected = match_by_filter(
+            place_filter, ReferenceIndex(places.counts), queries, settings, Acceptance.of(settings)
+        )
         found = filter_distances(distances.astype(float), activity, queries.centre_us, settings)
         assert np.array_equal(found.place, expected.place)
         assert np.array_equal(found.trust, expected.trust)

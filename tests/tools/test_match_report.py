@@ -120,7 +120,7 @@ def test_the_times_of_wrong_matches_are_those_of_the_truth(street):
     wrong = (away[matches.place, np.arange(len(at))] > 3) & (away.min(axis=0) <= 3)
     wrong_s = matches.time_us[wrong] / 1e6
     assert wrong_s.size
-    if "other times" not in verdict:
+    if "other time" not in verdict:
         for t in wrong_s:
             assert any(float(a) - 0.5 <= t <= float(b or a) + 0.5 for a, b in spans), t
     for a, b in spans:

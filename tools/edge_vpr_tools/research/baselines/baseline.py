@@ -12,12 +12,13 @@ import numpy as np
 import numpy.typing as npt
 
 from edge_vpr.confidence import Acceptance
-from edge_vpr.descriptors.windows import Descriptors
+from edge_vpr.descriptors.windows import Descriptors, activity_of_drive, place_activity
 from edge_vpr.errors import UsageError
 from edge_vpr.matching.distances import ReferenceIndex
 from edge_vpr.matching.drive import match_by_filter
 from edge_vpr.matching.matches import Matches
-from edge_vpr.matching.place_filter import PlaceFilter
+from edge_vpr.matching.place_filter import PATIENCE, PATIENCE_SMOOTHED, PlaceFilter
+from edge_vpr.matching.prediction import TransitionCosts, Transitions
 from edge_vpr.matching.sequences import BestSequences, sequence_matches, sequence_sums
 from edge_vpr.settings import Settings
 
@@ -170,7 +171,8 @@ def filter_distances(
 ) -> Matches:
     """Match by the place filter over a matrix of distances, with its shipped probabilities.
 
-    It has one gain, since there are no distances of sums of windows.
+    It has one gain and no typical distances, since there are no distances of sums of windows, and
+    none from place to place.
 
     Parameters
     ----------
@@ -187,8 +189,12 @@ def filter_distances(
     given = _GivenDistances(_whole(distances, _FILTER_BITS))
     # the only counter of a window says which column of the matrix it is
     of_places, of_queries = activity
-    places = _numbered(of_places, np.zeros_like(of_places))
-    place_filter = PlaceFilter.of(places, settings)
+    transitions = Transitions(
+        len(of_places), TransitionCosts.of(settings), place_activity(of_places),
+        exclusion=settings.exclusion_places,
+    )  # fmt: skip
+    patience = PATIENCE_SMOOTHED if settings.smooth else PATIENCE
+    place_filter = PlaceFilter(transitions, activity_of_drive(of_places), patience)
     accepted = Acceptance.of(settings)
     queries = _numbered(of_queries, query_us)
     return match_by_filter(place_filter, cast(ReferenceIndex, given), queries, settings, accepted)
