@@ -253,7 +253,6 @@ EXTRAS = {
     "hdf5": "HDF5 recordings",
     "hdf5-filters": "HDF5 recordings compressed by Blosc (DSEC)",
     "ros": "ROS bags",
-    "es": "event-stream recordings",
     "tonic": "data sets by tonic",
     "firmware": "compiling and emulating the reference firmware",
     "pandas": "tables of matches (Matches.to_frame)",
