@@ -60,9 +60,7 @@ from edge_vpr.recordings import Faults, Recording, open_recording
 from edge_vpr.recordings.memory import FORMAT as MEMORY
 from edge_vpr.recordings.memory import column_names
 from edge_vpr.recordings.reading import Camera, UnitCheck
-from edge_vpr.registration import MountShift, register
 from edge_vpr.results import (
-    LEFT_OUT,
     MAP,
     MATCHES,
     MATCHES_CSV,
@@ -315,7 +313,6 @@ class ReferenceMap(MapRecord):
         settings: Settings | None = None,
         every: str | MatchSchedule | None = None,
         odometry: Odometry | TableData | PathName | None = None,
-        registered: bool = False,
         **changes: Unpack[MatchingChanges],
     ) -> MatchResult:
         """Match a query drive with this map.
@@ -331,9 +328,6 @@ class ReferenceMap(MapRecord):
             default every window of the drive is matched, also by the windows after it.
         odometry : Odometry or path or table, optional
             Of the query drive; only the place filter takes it.
-        registered : bool
-            Estimate first by how many pixels the query's image is shifted, and move the map's
-            pixels by that.
         **changes
             Single settings of matching that replace the map's, for example ``precision=0.99``.
 
@@ -358,24 +352,23 @@ class ReferenceMap(MapRecord):
             inputs = (str(drive.path), *inputs)
         odometry = _of_part(drive, _odometry_of(odometry))
         check_sensor(drive.sensor, self.pixel_map.sensor)
-        reference, shift = register(self, drive) if registered else (self, None)
-        matched = reference._with(asked, "match")
+        matched = self._with(asked, "match")
         if every is None:
-            result = _match_windows(matched, drive, odometry, shift)
+            result = _match_windows(matched, drive, odometry)
         elif isinstance(drive, WindowSource):
             raise UsageError(
                 "matching event by event (every=) needs events, and this file holds "
                 "counts of windows: leave it out"
             )
         else:
-            result = _match_events(matched.causal(), drive, every, odometry, shift)
+            result = _match_events(matched.causal(), drive, every, odometry)
         _warn_if_strange(result.matches)
         _warn_of_drops(drive, result.removed)
         # the map as it was given: what is asked of one run is no part of it
         start_us = getattr(drive, "cropped_us", 0)
-        windows = None if result.windows is None else reference.coded(result.windows)
+        windows = None if result.windows is None else self.coded(result.windows)
         return replace(
-            result, reference=reference, inputs=inputs, start_us=start_us,
+            result, reference=self, inputs=inputs, start_us=start_us,
             clock_us=_unix_start(drive), windows=windows,
         )  # fmt: skip
 
@@ -530,8 +523,6 @@ class MatchMetrics:
         Queries with other places at the same smallest distance.
     faults_dropped : Faults
         Faulty entries of the recording that were left out.
-    mount_shift : MountShift or None
-        None where the query was not registered.
     """
 
     queries: int
@@ -544,7 +535,6 @@ class MatchMetrics:
     matching_s: float
     tied_queries: int
     faults_dropped: Faults
-    mount_shift: MountShift | None = field(default=None, metadata=LEFT_OUT)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -561,8 +551,6 @@ class OnlineMetrics:
         Seconds that the run took, and the length of the recording divided by them.
     faults_dropped : Faults
         Faulty entries of the recording that were left out.
-    mount_shift : MountShift or None
-        None where the query was not registered.
     """
 
     matches: int
@@ -571,7 +559,6 @@ class OnlineMetrics:
     localising_s: float
     times_real_time: float
     faults_dropped: Faults
-    mount_shift: MountShift | None = field(default=None, metadata=LEFT_OUT)
 
 
 @dataclass(frozen=True, eq=False)
@@ -590,8 +577,7 @@ class MatchResult:
     Attributes
     ----------
     reference : ReferenceMap
-        The map, with its own settings (those of the run are in `matches`); with its pixels moved
-        where the query was registered.
+        The map, with its own settings (those of the run are in `matches`).
     queries : Descriptors or None
         The windows of the query; None where it was matched event by event.
     windows : Descriptors or None
@@ -624,11 +610,6 @@ class MatchResult:
 
     def __repr__(self) -> str:
         return f"MatchResult({self.matches!r})"
-
-    @property
-    def shift(self) -> MountShift | None:
-        """Shift of the query's image against the map; None if it was not estimated."""
-        return None if self.metrics is None else self.metrics.mount_shift
 
     @property
     def query_time_us(self) -> npt.NDArray[np.int64]:
@@ -1130,7 +1111,6 @@ def _match_windows(
     asked: ReferenceMap,
     drive: EventSource | WindowSource,
     odometry: Odometry | None,
-    shift: MountShift | None,
 ) -> MatchResult:
     """Count the windows of a drive and match all of them."""
     removed = Removed()
@@ -1151,7 +1131,6 @@ def _match_windows(
         matching_s=matching_s,
         tied_queries=int((matches.ties > 0).sum()),
         faults_dropped=getattr(drive, "faults", Faults()),
-        mount_shift=shift,
     )
     return MatchResult(asked, matches, queries, metrics, removed)
 
@@ -1161,7 +1140,6 @@ def _match_events(
     drive: EventSource,
     every: str | MatchSchedule,
     odometry: Odometry | None,
-    shift: MountShift | None,
 ) -> MatchResult:
     """Feed the events of a drive to a localiser, and count its windows in the same pass."""
     localiser = Localiser(asked, every=every)
@@ -1201,7 +1179,6 @@ def _match_events(
         localising_s=busy_s,
         times_real_time=float(rows["time_us"][-1] / 1e6) / busy_s,
         faults_dropped=getattr(drive, "faults", Faults()),
-        mount_shift=shift,
     )
     matches = Matches.of_rows(rows, asked.settings, len(asked))
     counted = collect(windows, len(asked.pixel_map) * (2 if asked.settings.polarity else 1))

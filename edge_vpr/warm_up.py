@@ -12,7 +12,7 @@ import numpy as np
 
 from edge_vpr.compile_report import kernels_shown
 from edge_vpr.descriptors.cleaning import BurstFilter, CausalBurstFilter
-from edge_vpr.descriptors.counting import cleaned, count_frame
+from edge_vpr.descriptors.counting import cleaned
 from edge_vpr.errors import EdgeVprError
 from edge_vpr.events import EVENT_DTYPE, Events, Sensor, make_events
 from edge_vpr.map_record import MapRecord, describe_query, map_traverse
@@ -91,17 +91,13 @@ def mapping_steps(settings: Settings) -> list[WarmUpStep]:
 _WINDOWS = 32
 
 
-def matching_steps(
-    reference: MapRecord, *, odometry: bool = False, registered: bool = False
-) -> list[WarmUpStep]:
+def matching_steps(reference: MapRecord, *, odometry: bool = False) -> list[WarmUpStep]:
     """Return the warm-up of matching a recording with a map.
 
     Parameters
     ----------
     odometry : bool
         Whether the query has odometry.
-    registered : bool
-        Whether the shift of the camera is estimated.
     """
     settings, pixels = reference.settings, reference.pixel_map
     number = 2 * settings.events_per_window if settings.window == "count" else 64
@@ -142,18 +138,9 @@ def matching_steps(
     name = "place filter" if settings.matching == "filter" else "sequences"
     return [
         WarmUpStep("burst filter", lambda: list(cleaned(drive, settings))),
-        *_registering_steps(reference, registered),
         WarmUpStep("counters", count),
         WarmUpStep(name, match),
     ]
-
-
-def _registering_steps(reference: MapRecord, registered: bool) -> list[WarmUpStep]:
-    """Return the warm-up of estimating the shift of the camera, if that is asked for."""
-    (width, height), events = reference.pixel_map.sensor, synthetic_events(2)
-    image = np.zeros((height, width), dtype=np.int64)
-    name, call = "registration", partial(count_frame, events["x"], events["y"], image)
-    return [WarmUpStep(name, call)] if registered else []
 
 
 def localising_steps(
@@ -162,7 +149,6 @@ def localising_steps(
     bursts: BurstFilter | CausalBurstFilter,
     *,
     odometry: bool = False,
-    registered: bool = False,
 ) -> list[WarmUpStep]:
     """Return the warm-up of matching event by event.
 
@@ -174,8 +160,6 @@ def localising_steps(
         A new one, which is used up.
     odometry : bool
         Whether readings of an odometer are to come.
-    registered : bool
-        Whether the shift of the camera is estimated from a recording.
     """
     # if there are more than a few, the last part is processed by columns
     events = synthetic_events(2 * CHUNK_EVENTS)
@@ -203,7 +187,6 @@ def localising_steps(
 
     return [
         WarmUpStep("burst filter", lambda: [bursts.update(some) for some in chunks]),
-        *_registering_steps(reference, registered),
         WarmUpStep("localiser", lambda: [localiser().update(some) for some in chunks]),
         WarmUpStep("ends of windows", windows),
     ]

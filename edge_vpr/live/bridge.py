@@ -238,8 +238,6 @@ class Bridge:
     ----------
     sent_events, sent_bytes : int
         Before the faults.
-    dropped_events : int
-        Events dropped for lack of space by a device that sends on request only.
     behind_s : float
         How much later than at their time events were sent, at most; 0 without a speed.
     """
@@ -253,16 +251,11 @@ class Bridge:
         faults: LineFaults | None = None,
         seed: int = 0,
     ) -> None:
-        if encoder.capacity and not link.two_way:
-            raise UsageError(
-                f"{link.address} carries nothing from the host, which has to ask for events by "
-                "this protocol: take TCP or a serial line"
-            )
         self._link, self._encoder, self._speed = link, encoder, speed
         self._faults = LineFaults() if faults is None else faults
         self._rng = np.random.default_rng(seed)
         self.stopping = threading.Event()
-        self.sent_events = self.sent_bytes = self.dropped_events = 0
+        self.sent_events = self.sent_bytes = 0
         self.behind_s = 0.0
 
     def wait_for_host(self) -> None:
@@ -291,13 +284,10 @@ class Bridge:
             self._put(garbage.tobytes())
             self._send(self._encoder.start(), corrupt=False)
             self._replay(recording)
-            self._serve_until_held(0)
             if isinstance(self._link, VirtualLink):
                 self._link.drain(1.0 if self.stopping.is_set() else 10.0)
         except LinkClosed:
             return
-        finally:
-            self.sent_events -= self._encoder.held
 
     def _replay(self, recording: Iterable[Events]) -> None:
         start_s, stalled, now = time.monotonic(), self._faults.stall == 0, 0
@@ -320,43 +310,25 @@ class Bridge:
                         self.behind_s = late_s
                     self._serve_until(moment_s)
                 else:
-                    self._serve_until_held(self._encoder.capacity)
+                    self._serve(0.0)
                 if not stalled and now >= 1e6 * self._faults.stall_at:
                     stalled = True
                     self.stopping.wait(self._faults.stall)
-                self._encode(events)
+                self._send(self._encoder.encode(events))
+                self.sent_events += events.size
         self._send(self._encoder.idle(now))
 
-    def _encode(self, events: Events) -> None:
-        if self._speed and self._encoder.held > self._encoder.capacity:
-            self.dropped_events += events.size
-            return
-        self._send(self._encoder.encode(events))
-        self.sent_events += events.size
-
-    def _serve(self, timeout: float) -> bool:
-        """Answer the host for at most `timeout` seconds; return whether it sent anything."""
+    def _serve(self, timeout: float) -> None:
+        """Answer the host for at most `timeout` seconds."""
         command = self._link.read(timeout)
         if command:
             self._send(self._encoder.respond(self._faults.corrupt(command, self._rng)))
-        self._send(self._encoder.to_send(time.monotonic()))
-        return bool(command)
 
     def _serve_until(self, moment: float) -> None:
         while not self.stopping.is_set():
             wait = moment - time.monotonic()
             self._serve(min(max(wait, 0.0), 0.1))
             if wait <= 0:
-                return
-
-    def _serve_until_held(self, most: int) -> None:
-        """Let the host fetch events until at most `most` are waiting for it."""
-        heard = time.monotonic()
-        self._serve(0.0)
-        while self._encoder.held > most and not self.stopping.is_set():
-            if self._serve(0.1):
-                heard = time.monotonic()
-            elif time.monotonic() - heard > GONE_S:
                 return
 
     def _send(self, data: bytes, *, corrupt: bool = True) -> None:

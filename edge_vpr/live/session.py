@@ -47,6 +47,8 @@ from edge_vpr.warm_up import warm_up
 
 #: Interval at which it is said what is compiled.
 PROGRESS_S = 2.0
+#: seconds after which a step ends for which no bytes came
+_TICK_S = 0.1
 #: Largest number of pieces of bytes that one `LiveSession.poll` matches.
 _MOST_PIECES = 16
 
@@ -132,7 +134,7 @@ class LiveSession:
         `open_link`; or what is open already: a `Link`, a socket, a file, a descriptor, a port of
         pyserial. Open objects cannot be opened again.
     protocol : str
-        Of the camera: ``evpr``, ``edvs``, ``evt3``, ``openmv``, ..., with options after a colon.
+        Of the camera: ``evpr``, ``edvs``, ``evt3``, ..., with options after a colon.
     reference : ReferenceMap or path, optional
         Without one, events are decoded and recorded, and nothing is matched.
     every : str or MatchSchedule, optional
@@ -497,7 +499,7 @@ class LiveSession:
         self.open()
         while not self.ended:
             wait_s = self._beat_s + self._heartbeat_s - time.monotonic()
-            step = self._take(min(self.decoder.tick_s, max(wait_s, 0.0)))
+            step = self._take(min(_TICK_S, max(wait_s, 0.0)))
             # a match comes first: what else there is to do can wait
             yield step
             if not self.ended:
@@ -613,13 +615,11 @@ class LiveSession:
         return (self._newest,)
 
     def _look(self, step: LiveStep) -> None:
-        """Do what remains after a step: odometer, requests to the camera, and messages."""
-        reader, decoder = self._reader, self.decoder
+        """Do what remains after a step: odometer and messages."""
         if step.result is not None and self._state_file is not None:
             self._state_file.keep(self._live, self._heard_s)
         self._look_at_odometer(time.monotonic())
         self._line.look(nothing_came=step.result is None)
-        reader.send(decoder.to_send(time.monotonic()))
 
     def _look_at_odometer(self, now_s: float) -> None:
         """Give each reading to the filter as soon as the camera's events are of its time.

@@ -110,25 +110,21 @@ def _imported(name: str) -> Any:
 FORMATS: dict[str, Format] = {each.name: each for each in (
     Format("npz", "NumPy archive of events", ".numpy_files:NpzSource", ".numpy_files:NpzSink",
            (".npz",)),
-    Format("npy", "NumPy array of events", ".numpy_files:NpySource", ".numpy_files:NpySink",
-           (".npy",)),
+    Format("npy", "NumPy array of events", ".numpy_files:NpySource", "", (".npy",)),
     Format("csv", "text, one event a line", ".text:TextSource", ".text:TextSink", (".csv", ".txt")),
     Format("frames", "count frames in .npz or .npy, or a folder of PNG or .npy",
            ".frames:FrameSource"),
-    Format("parquet", "Apache Parquet", ".parquet:ParquetSource", ".parquet:ParquetSink",
-           (".parquet",)),
+    Format("parquet", "Apache Parquet", ".parquet:ParquetSource", "", (".parquet",)),
     Format("evt2", "Prophesee RAW EVT 2.0", ".prophesee:EvtSource", ".prophesee:Evt2Sink",
            (".raw",)),
     Format("evt21", "Prophesee RAW EVT 2.1", ".prophesee:EvtSource"),
     Format("evt3", "Prophesee RAW EVT 3.0", ".prophesee:EvtSource"),
-    Format("dat", "Prophesee DAT", ".prophesee:DatSource", "", (".dat",)),
     Format("aedat4", "iniVation AEDAT 4", ".aedat:Aedat4Source", "", (".aedat4",)),
     Format("aedat3", "cAER AEDAT 3.1", ".aedat:Aedat3Source"),
     Format("aedat2", "jAER AEDAT 2", ".aedat:Aedat2Source", "", (".aedat", ".aedat2")),
     Format("hdf5", "HDF5 (Metavision, DSEC)", ".hdf5:Hdf5Source", "", (".h5", ".hdf5")),
     Format("rosbag1", "ROS 1 bag", ".rosbag:BagSource", "", (".bag",)),
     Format("rosbag2", "ROS 2 bag", ".rosbag:BagSource", "", (".db3", ".mcap")),
-    Format("es", "Event Stream", ".es:EsSource", "", (".es",)),
 )}  # fmt: skip
 #: Suffixes of the formats of this package that can be written.
 WRITTEN = tuple(suffix for each in FORMATS.values() if each.sink for suffix in each.suffixes)
@@ -329,7 +325,7 @@ def sniff(path: Path) -> str:
         if suffix in (".csv", ".txt", ".tsv") and b"\0" not in head:
             return "csv"
         if suffix == ".dat" and head.startswith(b"%"):
-            return "dat"
+            raise RecordingError(f"{path} is a DAT file: {_BY_FAERY}")
         if suffix == ".raw":
             raise RecordingError(
                 f"{path} has no header that names its encoding: pass format=, one of evt2, "
@@ -341,6 +337,9 @@ def sniff(path: Path) -> str:
             "ROS 2 bag; name the format with format= if the suffix is wrong"
         )
     return name
+
+
+_BY_FAERY = "convert it to .npz by faery, as docs/recordings.md says"
 
 
 def _sniff_bytes(path: Path, head: bytes) -> str | None:
@@ -356,10 +355,11 @@ def _sniff_bytes(path: Path, head: bytes) -> str | None:
         (b"#!AER-DAT4", "aedat4"),
         (b"#!AER-DAT3.1", "aedat3"),
         (b"#!AER-DAT2", "aedat2"),
-        (b"Event Stream", "es"),
     ):
         if head.startswith(magic):
             return name
+    if head.startswith(b"Event Stream"):
+        raise RecordingError(f"{path} is an Event Stream: {_BY_FAERY}")
     if head.startswith(b"% "):
         return encoding_of(path)
     for magic, program in (
@@ -453,7 +453,7 @@ def write_recording(
         Needed unless `events` has an attribute `sensor`, as a recording does.
     start_us : int, optional
         Time t = 0 on an outer clock; by default the attribute `start_us` of `events`, else 0. The
-        formats .npz, .npy, .csv, .parquet and .raw keep it.
+        file keeps it.
     overwrite : bool
         Whether a file that exists may be replaced.
 

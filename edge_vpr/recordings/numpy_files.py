@@ -4,12 +4,10 @@ from __future__ import annotations
 
 import io
 import math
-import re
 import zipfile
 from collections.abc import Iterator
 from contextlib import ExitStack
 from pathlib import Path
-from typing import IO
 
 import numpy as np
 
@@ -20,15 +18,7 @@ from edge_vpr.recordings.decoding import ArrayStream
 from edge_vpr.recordings.reading import Columns, FaultLog, ReadOptions, Source
 from edge_vpr.recordings.table import Named, array_columns, check_order, match_columns, tidy
 
-# ``.npy``: a structured array, or four columns; read and written as a stream.
-
-
-#: Text that this package writes behind the last row, where NumPy does not read.
-_TRAILER = "\n# edge-vpr sensor={sensor} start_us={start_us}\n"
-_TRAILER_PATTERN = re.compile(
-    rb"\n# edge-vpr sensor=([0-9]{1,5})x([0-9]{1,5}) start_us=(-?[0-9]{1,19})\n"
-)
-_LONGEST_TRAILER = 80
+# ``.npy``: a structured array, or four columns.
 
 
 class NpySource(Source):
@@ -36,16 +26,13 @@ class NpySource(Source):
 
     def __init__(self, path: Path, options: ReadOptions) -> None:
         with path.open("rb") as file:
-            stream = ArrayStream(file, str(path))
-            _check_array(stream, path, options)
-            sensor, start_us = _read_trailer(file, stream)
-        super().__init__(path, options, sensor, start_us)
-        self._unit = None if sensor is None else "us"
+            _check_array(ArrayStream(file, str(path)), path, options)
+        super().__init__(path, options)
 
     def chunks(self, log: FaultLog) -> Iterator[Columns]:
         """Yield the events; see :class:`Source`."""
         with self.path.open("rb") as file:
-            yield from _array_chunks(self, ArrayStream(file, str(self.path)), log, self._unit)
+            yield from _array_chunks(self, ArrayStream(file, str(self.path)), log, None)
 
 
 def _check_array(stream: ArrayStream, path: Path, options: ReadOptions) -> None:
@@ -64,54 +51,6 @@ def _array_chunks(
     for rows in stream.blocks(source.options.chunk_events, log, "event {:,} of {:,}"):
         source.position = stream.rows_read / stream.shape[0]
         yield tidy(named.of(rows), unit, log, stream.rows_read - len(rows))
-
-
-def _read_trailer(file: IO[bytes], stream: ArrayStream) -> tuple[Sensor | None, int | None]:
-    """Read sensor and start if they directly follow the last row at the end of the file."""
-    end = stream.header_bytes + stream.shape[0] * stream.row_bytes if stream.shape else 0
-    file.seek(0, 2)
-    if 0 < file.tell() - end <= _LONGEST_TRAILER:
-        file.seek(end)
-        if match := _TRAILER_PATTERN.fullmatch(file.read()):
-            return Sensor(int(match[1]), int(match[2])), int(match[3])
-    return None, None
-
-
-class NpySink:
-    """Write events as one structured array of :data:`EVENT_DTYPE`.
-
-    Sensor and start follow the last row as a line of text. NumPy reads as many bytes as the header
-    states and ignores the rest.
-    """
-
-    def __init__(self, path: Path, sensor: Sensor, start_us: int, *, trailer: bool = True) -> None:
-        self._file = path.open("wb")
-        self._rows = 0
-        self._trailer = _TRAILER.format(sensor=sensor, start_us=start_us) if trailer else ""
-        self._write_header()
-
-    def _write_header(self) -> None:
-        # numpy pads the header so that the number of rows can grow in place
-        np.lib.format.write_array_header_1_0(
-            self._file,
-            {
-                "descr": np.lib.format.dtype_to_descr(EVENT_DTYPE),
-                "fortran_order": False,
-                "shape": (self._rows,),
-            },
-        )
-
-    def write(self, events: Events) -> None:
-        """Append events."""
-        self._file.write(np.ascontiguousarray(events, EVENT_DTYPE).tobytes())
-        self._rows += events.size
-
-    def close(self) -> None:
-        """Write the trailer and the final row count."""
-        with self._file as file:
-            file.write(self._trailer.encode("ascii"))
-            file.seek(0)
-            self._write_header()
 
 
 # ``.npz``: the project's own event archive, and event archives of other projects.
@@ -301,16 +240,31 @@ class NpzSink:
         }
         # the archive needs the size of the array before its first row
         self._rows = path.with_name(path.name + ".rows")
-        self._sink = NpySink(self._rows, sensor, start_us, trailer=False)
+        self._file, self._number = self._rows.open("wb"), 0
+        self._write_header()
+
+    def _write_header(self) -> None:
+        # numpy pads the header so that the number of rows can grow in place
+        np.lib.format.write_array_header_1_0(
+            self._file,
+            {
+                "descr": np.lib.format.dtype_to_descr(EVENT_DTYPE),
+                "fortran_order": False,
+                "shape": (self._number,),
+            },
+        )
 
     def write(self, events: Events) -> None:
         """Append events."""
-        self._sink.write(events)
+        self._file.write(np.ascontiguousarray(events, EVENT_DTYPE).tobytes())
+        self._number += events.size
 
     def close(self) -> None:
         """Write the archive from its parts."""
         try:
-            self._sink.close()
+            with self._file:
+                self._file.seek(0)
+                self._write_header()
             with zipfile.ZipFile(self._path, "w", zipfile.ZIP_STORED) as archive:
                 archive.write(self._rows, "events.npy")
                 for name, value in self._facts.items():

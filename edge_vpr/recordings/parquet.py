@@ -7,11 +7,9 @@ from pathlib import Path
 from typing import Any
 
 from edge_vpr.errors import MissingExtraError, RecordingError
-from edge_vpr.events import Events, Sensor
 from edge_vpr.recordings.reading import Columns, FaultLog, ReadOptions, Source
 from edge_vpr.recordings.table import match_columns, tidy
 
-_SENSOR, _START = b"edge_vpr.sensor", b"edge_vpr.start_us"
 _BUFFER_BYTES = 1 << 20
 
 
@@ -45,11 +43,8 @@ class ParquetSource(Source):
             )
         self._names, self._unused = found.fields, found.unused
         self._check_types(path, schema)
-        facts = schema.metadata or {}
-        sensor = Sensor.parse(facts[_SENSOR].decode()) if _SENSOR in facts else None
-        stated = sensor is not None and _START in facts
-        super().__init__(path, options, sensor, int(facts[_START]) if stated else None)
-        self._unit = options.time_unit or found.unit or (None if sensor is None else "us")
+        super().__init__(path, options)
+        self._unit = options.time_unit or found.unit
 
     def _open(self, path: Path) -> Any:
         return self._pyarrow.parquet.ParquetFile(
@@ -79,39 +74,3 @@ class ParquetSource(Source):
                 self.position = min(1.0, (entry + batch.num_rows) / max(1, self._rows))
                 yield tidy(columns, self._unit, log, entry)
                 entry += batch.num_rows
-
-
-class ParquetSink:
-    """Write t (int64 us), x, y (uint16) and p (bool), with sensor and start in the metadata."""
-
-    def __init__(self, path: Path, sensor: Sensor, start_us: int) -> None:
-        pyarrow = self._pyarrow = _pyarrow()
-        self._schema = pyarrow.schema(
-            [
-                ("t", pyarrow.int64()),
-                ("x", pyarrow.uint16()),
-                ("y", pyarrow.uint16()),
-                ("p", pyarrow.bool_()),
-            ],
-            metadata={_SENSOR: str(sensor).encode(), _START: str(start_us).encode()},
-        )
-        # this encoding is made for values such as times, which differ little from one to the next
-        self._writer = pyarrow.parquet.ParquetWriter(
-            path,
-            self._schema,
-            compression="zstd",
-            write_page_checksum=True,
-            use_dictionary=["x", "y"],
-            column_encoding={"t": "DELTA_BINARY_PACKED"},
-        )
-
-    def write(self, events: Events) -> None:
-        """Append events."""
-        columns = [self._pyarrow.array(events[name].copy()) for name in ("t", "x", "y", "p")]
-        self._writer.write_batch(
-            self._pyarrow.RecordBatch.from_arrays(columns, schema=self._schema)
-        )
-
-    def close(self) -> None:
-        """Write the footer."""
-        self._writer.close()

@@ -1,4 +1,4 @@
-"""Prophesee's files: RAW with EVT 2.0, 2.1 and 3.0 words, and DAT."""
+"""Prophesee's RAW files with EVT 2.0, 2.1 and 3.0 words."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ import numpy.typing as npt
 from edge_vpr.compiling import kernel
 from edge_vpr.errors import RecordingError
 from edge_vpr.events import Events, Sensor
-from edge_vpr.recordings.decoding import Unwrapper, is_text, read_records
+from edge_vpr.recordings.decoding import is_text, read_records
 from edge_vpr.recordings.reading import Columns, FaultLog, ReadOptions, Source, empty_columns
 
-# The text header of Prophesee's RAW and DAT files.
+# The text header of Prophesee's RAW files.
 
 
 #: Sensor sizes of files older than the header's ``format`` and ``geometry`` lines: the driver's
@@ -50,16 +50,13 @@ class Header(NamedTuple):
             return _FORMATS.get(self.fields["format"].split(";")[0].strip().upper())
         if "evt" in self.fields:
             return _VERSIONS.get(self.fields["evt"])
-        text = " ".join(self.fields.values())
-        is_dat = "Version" in self.fields or {"Width", "Height"} <= self.fields.keys()
-        return "dat" if "Event2d" in text or is_dat else None
+        return None
 
     @property
     def sensor(self) -> Sensor | None:
         """Size of the sensor; None if no line states it."""
         options = self._options
-        width = options.get("width") or self.fields.get("Width")
-        height = options.get("height") or self.fields.get("Height")
+        width, height = options.get("width"), options.get("height")
         if width and height and width.isdigit() and height.isdigit():
             return Sensor(int(width), int(height))
         if "geometry" in self.fields:
@@ -500,43 +497,3 @@ class Evt2Sink:
     def close(self) -> None:
         """End the file."""
         self._file.close()
-
-
-# Prophesee DAT, version 2: 32 bits of time, 14 of column, 14 of row, polarity.
-#
-# The decoder is our own: eventcv loads these files whole and does not unwrap their 32-bit clock.
-
-
-_EVENT = np.dtype([("t", "<u4"), ("pixel", "<u4")])
-_KINDS = (0, 12)  # Event2d of version 2, EventCD
-
-
-class DatSource(Source):
-    """Source of a DAT file: header lines, a byte each for the events' kind and size, and events."""
-
-    def __init__(self, path: Path, options: ReadOptions) -> None:
-        header = read_header(path)
-        super().__init__(path, options, header.size(options), header.start_us)
-        self._skip = header.n_bytes + 2
-        with path.open("rb") as file:
-            file.seek(header.n_bytes)
-            kind = file.read(2)
-        if len(kind) < 2 or kind[0] not in _KINDS or kind[1] != _EVENT.itemsize:
-            raise RecordingError(
-                f"{path} holds events of kind {kind.hex() or 'none'}, and not change detection "
-                "events (00 or 0c) of 8 bytes: convert it"
-            )
-
-    def chunks(self, log: FaultLog) -> Iterator[Columns]:
-        """Yield the events; see :class:`Source`."""
-        clock = Unwrapper(32)
-        n = self.options.chunk_events
-        for events, position in read_records(self.path, self._skip, _EVENT, n, log):
-            self.position = position
-            pixel = events["pixel"]
-            yield Columns(
-                clock.unwrap(events["t"]),
-                (pixel & 0x3FFF).astype(np.uint16),
-                (pixel >> 14 & 0x3FFF).astype(np.uint16),
-                (pixel & 1 << 28) != 0,
-            )

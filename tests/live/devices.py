@@ -18,7 +18,6 @@ class Device(NamedTuple):
 DEVICES = (
     Device("evpr", "evpr", checked=True, typical=True),
     Device("evpr:width=3,frame=200", "evpr", checked=True),
-    Device("openmv:channel=4", "openmv:channel=4", checked=True, typical=True),
     Device("edvs:format=E0", "edvs:format=E0,sync=1"),
     Device("edvs:format=E1", "edvs"),
     Device("edvs:format=E2", "edvs", clock_bits=16),

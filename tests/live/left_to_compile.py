@@ -8,15 +8,14 @@ from __future__ import annotations
 import gc
 import socket
 import sys
-import time
 from pathlib import Path
 
 import numpy as np
 from numba.core.dispatcher import Dispatcher
-from openmv_camera import open_encoder
 
 from edge_vpr import LiveSession
 from edge_vpr.events import Sensor, make_events
+from edge_vpr.live.protocols import open_encoder
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.settings import PRESETS
 
@@ -33,7 +32,7 @@ def compiled():
 
 
 class Camera:
-    """The other end of a socket, which answers as well."""
+    """The other end of a socket."""
 
     def __init__(self, protocol, session, line):
         self.encoder, self._session, self._line = open_encoder(protocol, SENSOR), session, line
@@ -48,16 +47,9 @@ class Camera:
             self._session.poll()
 
     def play(self, events, lost=0):
-        """Send events, some bytes of which are lost, and wait until they were asked for."""
+        """Send events, some bytes of which are lost."""
         data = self.encoder.encode(events)
         self.send(data[: len(data) // 2] + data[len(data) // 2 + lost :])
-        end = time.monotonic() + 5
-        while self.encoder.held and time.monotonic() < end:
-            self._session.poll()
-            try:
-                self.send(self.encoder.respond(self._line.recv(4_096)))
-            except BlockingIOError:
-                self.send(self.encoder.to_send(time.monotonic()))
 
 
 def main():

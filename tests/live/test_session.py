@@ -21,7 +21,6 @@ import numpy as np
 import pytest
 from devices import DEVICES
 from edge_vpr_tools.cli import main
-from openmv_camera import open_encoder
 from streams import Drive, random_events
 
 from edge_vpr import LiveSession
@@ -31,7 +30,7 @@ from edge_vpr.events import Sensor, make_events
 from edge_vpr.live.bridge import Bridge, LineFaults, open_device_link
 from edge_vpr.live.links import LinkError
 from edge_vpr.live.position import Locator, PathPosition
-from edge_vpr.live.protocols import Health
+from edge_vpr.live.protocols import Health, open_encoder
 from edge_vpr.live.watches import LagWatch, MisfitWatch
 from edge_vpr.online.localiser import Localiser
 from edge_vpr.online.schedule import MatchSchedule
@@ -262,8 +261,8 @@ def test_a_match_that_comes_late_is_lost(route):
         assert {match.probability for match in late if match.lost} == {0}
 
 
-#: a host, and what its device sends; the last has to be asked for each piece
-PROTOCOLS = [(each.host, each.sends) for each in DEVICES if each.typical] + [("openmv", "openmv")]
+#: a host, and what its device sends
+PROTOCOLS = [(each.host, each.sends) for each in DEVICES if each.typical]
 SENSOR = Sensor(64, 48)
 
 
@@ -853,7 +852,7 @@ def test_nothing_is_compiled_once_the_link_is_open():
     if numba.config.DISABLE_JIT:
         pytest.skip("nothing is compiled")
     protocols = [device for _, device in PROTOCOLS]
-    protocols += ["openmv:channel=raw_events", "openmv:channel=4,format=evt3", "edvs:format=E1"]
+    protocols.append("edvs:format=E1")
     done = subprocess.run(
         [sys.executable, str(ROOT / "tests/live/left_to_compile.py"), *protocols],
         env={**os.environ, "PYTHONPATH": f"{ROOT}:{ROOT / 'tools'}"},

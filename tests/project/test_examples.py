@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import configparser
 import importlib.util
-import json
 import os
 import re
 import runpy
@@ -359,91 +357,6 @@ def test_firmware_without_a_map_says_what_to_name(tmp_path):
     assert "is no file: make MAP=" in run.stderr
 
 
-PLATFORMIO = EXAMPLES / "platformio"
-
-
-def project_of_platformio() -> configparser.ConfigParser:
-    """Read platformio.ini, with its references to other sections resolved."""
-    text = (PLATFORMIO / "platformio.ini").read_text()
-    project = configparser.ConfigParser(interpolation=None)
-    project.read_string(text)
-    flags = project["env"]["build_flags"]
-    project.read_string(text.replace("${env.build_flags}", flags.strip().replace("\n", "\n    ")))
-    return project
-
-
-def sources_of(environment: configparser.SectionProxy) -> list[Path]:
-    """Return the files that the filter takes, each of which has to be there."""
-    first, *taken = re.findall(r"([+-])<([^>]*)>", environment["build_src_filter"])
-    assert first == ("-", "*")
-    assert {sign for sign, _ in taken} == {"+"}
-    return [(PLATFORMIO / "src" / name).resolve(strict=True) for _, name in taken]
-
-
-def compiled(environment: str, header: Path, folder: Path, *compiler: str) -> Path:
-    """Compile what PlatformIO would, with the flags of the environment."""
-    if shutil.which(compiler[0]) is None:
-        pytest.skip(f"{compiler[0]} is not installed")
-    project = project_of_platformio()
-    section = project[f"env:{environment}"]
-    shutil.copy(header, folder / "map.h")
-    flags = section.get("build_flags", project["env"]["build_flags"]).split()
-    libraries = [flag for flag in flags if flag.startswith("-l")]
-    others = [flag for flag in flags if flag not in libraries]
-    script = section.get("board_build.ldscript")
-    linked = [] if script is None else ["-Wl,-T," + script]
-    program = folder / "program"
-    words = [*compiler, *others, f"-I{folder}", *map(str, sources_of(section)), *linked, *libraries]
-    done = subprocess.run(
-        [*words, "-o", str(program)], cwd=PLATFORMIO, capture_output=True, text=True, check=False
-    )
-    assert done.returncode == 0, done.stderr
-    assert "warning" not in done.stderr
-    return program
-
-
-def test_the_platformio_project_finds_the_models_matches_on_this_computer(expected, tmp_path):
-    header, matches, place = expected
-    program = compiled("native", header, tmp_path, "gcc")
-    done = subprocess.run([program], capture_output=True, text=True, check=True)
-    assert done.stdout == f"{matches} matches, the last one at place {place}\n"
-
-
-def test_the_platformio_project_finds_them_on_an_stm32_from_reset_on(expected, tmp_path):
-    header, matches, place = expected
-    # PlatformIO takes the last two from its description of the board
-    board = ("arm-none-eabi-gcc", "-mcpu=cortex-m4", "-mthumb")
-    program = compiled("nucleo_f446re", header, tmp_path, *board)
-    values = boot(program, flash=0x0800_0000, ram_bytes=128 << 10)
-    assert values == {"refused": 0, "matches": matches, "place": place}
-
-
-def test_the_library_for_platformio_compiles_and_is_of_this_version(tmp_path):
-    root = EXAMPLES.parent
-    library = json.loads((root / "library.json").read_text())
-    assert library["version"] == __version__
-    assert all((root / name).is_file() for name in library["export"]["include"])
-    # what is exported, and nothing else
-    for name in library["export"]["include"]:
-        (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
-        shutil.copy(root / name, tmp_path / name)
-    folder = tmp_path / library["build"]["srcDir"]
-    first, *taken = re.findall(r"([+-])<([^>]*)>", library["build"]["srcFilter"])
-    assert first == ("-", "*")
-    sources = [folder / name for _, name in taken]
-    assert all(source.is_file() for source in sources)
-    if shutil.which("gcc") is None:
-        pytest.skip("gcc is not installed")
-    program = tmp_path / "program.c"
-    includes = "".join(f'#include "{name}"\n' for name in library["headers"])
-    program.write_text(f"{includes}int main(void) {{ return 0; }}\n")
-    words = ["gcc", "-std=c11", "-Wall", "-Werror", f"-I{folder}", program, *sources]
-    done = subprocess.run(
-        [*words, "-o", tmp_path / "program"], capture_output=True, text=True, check=False
-    )
-    assert done.returncode == 0, done.stderr
-
-
 def test_the_library_for_arduino_has_all_files_that_the_page_names(tmp_path):
     """The folder `src` that the page describes compiles by itself, also where `int` is short."""
     properties = (EXAMPLES / "arduino" / "library.properties").read_text("utf-8").splitlines()
@@ -458,24 +371,3 @@ def test_the_library_for_arduino_has_all_files_that_the_page_names(tmp_path):
         words = [*compiler, "-std=gnu11", "-Os", "-Wall", "-Werror", "-c", "vpr.c"]
         done = subprocess.run(words, capture_output=True, text=True, cwd=tmp_path, check=False)
         assert done.returncode == 0, done.stderr
-
-
-def test_platformio_reads_the_project_as_the_tests_do(tmp_path):
-    pio = shutil.which("pio")
-    if pio is None:
-        pytest.skip("PlatformIO is not installed: pip install platformio, in a place of its own")
-    hidden = {"PYTHONPATH"}  # it has a Python of its own
-    environment = {name: text for name, text in os.environ.items() if name not in hidden}
-    told = subprocess.run(
-        [pio, "project", "config", "--json-output", "-d", str(PLATFORMIO)],
-        env={**environment, "PLATFORMIO_CORE_DIR": str(tmp_path)},
-        capture_output=True, text=True, check=True,
-    ).stdout  # fmt: skip
-    found = {name: dict(values) for name, values in json.loads(told)}
-    ours = project_of_platformio()
-    assert found["platformio"]["default_envs"] == ["native"]
-    for name in ("env:native", "env:nucleo_f446re"):
-        flags = ours[name].get("build_flags", ours["env"]["build_flags"])
-        assert " ".join(found[name]["build_flags"]).split() == flags.split()
-        sources = ours[name]["build_src_filter"]
-        assert " ".join(found[name]["build_src_filter"]).split() == sources.split()

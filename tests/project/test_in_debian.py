@@ -16,7 +16,7 @@ ROOT = Path(__file__).parents[2]
 SCRIPT = Path(__file__).parents[1] / "in_debian.sh"
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())
 # of a requirement, what is imported
-MODULES = {"tonic": "tonic", "cyclonedds": "cyclonedds"}
+MODULES = {"tonic": "tonic"}
 
 
 def imported_at_once(path: Path) -> set[str]:

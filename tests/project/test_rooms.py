@@ -52,7 +52,7 @@ STAGES = [
     *("errors", "run_log", "files", "plugins", "compile_report", "compiling", "archive"),
     *("settings", "events", "results"),
     *("confidence", "route", "recordings", "descriptors", "map_record", "matching"),
-    *("registration", "evaluation", "simulation", "online", "learning"),
+    *("evaluation", "simulation", "online", "learning"),
     *("reference_map", "warm_up", "live"),
 ]
 

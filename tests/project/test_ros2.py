@@ -2,15 +2,11 @@
 
 from __future__ import annotations
 
-import contextlib
 import importlib
 import importlib.util
-import itertools
 import json
 import math
-import os
 import re
-import signal
 import socket
 import subprocess
 import sys
@@ -44,9 +40,33 @@ def messages(package):
 
 
 @pytest.fixture(scope="module")
-def dds_types(package):
-    pytest.importorskip("cyclonedds", reason="cyclonedds has no wheel for every machine")
-    return importlib.import_module("edge_vpr_ros.dds_types")
+def types():
+    """The types of ROS 2, with their bytes."""
+    typesys = pytest.importorskip("rosbags.typesys", reason="it knows the types of ROS 2")
+    return typesys.get_typestore(typesys.Stores.ROS2_HUMBLE)
+
+
+def built(types, kind, fields):
+    """Build a message as rclpy does: what is left out is 0 or empty, and a rotation is by 0."""
+    names = [name for name, _ in types.get_msgdef(kind).fields]
+    assert set(fields) <= set(names)
+    return types.types[kind](
+        *(value_of(types, of, fields.get(name), name) for name, of in types.get_msgdef(kind).fields)
+    )
+
+
+def value_of(types, of, given, name):
+    sort, what = of[0].name, of[1]
+    if sort == "NAME":
+        return built(types, what, given or {})
+    if sort == "BASE":
+        return given if given is not None else "" if what[0] == "string" else int(name == "w")
+    inner, number = what
+    items = given or [0] * number
+    assert sort == "SEQUENCE" or len(items) == number
+    if inner[0].name == "NAME":
+        return [built(types, inner[1], item) for item in items]
+    return np.array(items, dtype=inner[1][0])
 
 
 def row(**more):
@@ -218,40 +238,14 @@ ROUTE = {"kind": "route", "places": 2, "x_m": [1.0, 2.0], "y_m": [3.0, 4.0]}
 HEALTH = {"kind": "health", "faults": {"resyncs": 3}, "silent_s": 0.5, "bytes": 7}
 
 
-def test_every_type_has_the_bytes_that_ros_2_gives_it(messages, dds_types):
-    typesys = pytest.importorskip("rosbags.typesys", reason="it knows the types of ROS 2")
-    store = typesys.get_typestore(typesys.Stores.ROS2_HUMBLE)
+def test_every_message_has_the_fields_that_ros_2_gives_it(messages, types):
     seen = set()
     translator = messages.Translator(messages.Frames())
     for found in (row(**METRIC), row(**ON_EARTH), HEALTH, ROUTE):
         for message in translator.messages_of(found, STAMP_US):
             seen.add(message.kind)
-            kind = dds_types.TYPES[message.kind]
-            name = kind.__idl_typename__.replace(".", "::")
-            package, _, last = message.kind.rpartition("/msg/")
-            assert name == f"{package}::msg::dds_::{last}_"
-            sample = dds_types.build(message.kind, message.fields)
-            theirs = store.deserialize_cdr(sample.serialize(), message.kind)
-            assert_same(message.fields, theirs)
-            again = bytes(store.serialize_cdr(theirs, message.kind))
-            # some pad the end to four bytes
-            assert sample.serialize().rstrip(b"\0") == again.rstrip(b"\0")
+            assert types.serialize_cdr(built(types, message.kind, message.fields), message.kind)
     assert seen == set(messages.TOPICS.values())
-
-
-def assert_same(given, theirs):
-    for name, value in given.items():
-        if isinstance(value, dict):
-            assert_same(value, getattr(theirs, name))
-        elif isinstance(value, list) and isinstance(value[0], dict):
-            for one, other in zip(value, getattr(theirs, name), strict=True):
-                assert_same(one, other)
-        elif isinstance(value, list):
-            assert list(getattr(theirs, name)) == value
-        elif isinstance(value, float) and math.isnan(value):
-            assert math.isnan(getattr(theirs, name))
-        else:
-            assert getattr(theirs, name) == value
 
 
 BAD_VALUES = [
@@ -261,13 +255,14 @@ BAD_VALUES = [
 
 
 class Recorder:
-    """A backend that builds and writes what a reader would get."""
+    """A node that builds and writes what a reader would get."""
 
-    def __init__(self, dds_types):
-        self._dds, self.sent, self.said = dds_types, [], []
+    def __init__(self, types):
+        self._types, self.sent, self.said = types, [], []
 
     def publish(self, message):
-        self._dds.build(message.kind, message.fields).serialize()
+        made = built(self._types, message.kind, message.fields)
+        self._types.serialize_cdr(made, message.kind)
         self.sent.append(message)
 
     def stamp_us(self, host_us):
@@ -278,7 +273,7 @@ class Recorder:
         self.said.append(text)
 
 
-def test_a_bad_row_is_left_out_and_counted_and_the_next_one_is_published(messages, dds_types):
+def test_a_bad_row_is_left_out_and_counted_and_the_next_one_is_published(messages, types):
     """Each value of a row replaced by each that is none; numbers that are sent are finite."""
     node = importlib.import_module("edge_vpr_ros.node")
     lost = {**HEALTH, "host_us": STAMP_US, "lost_link": "gone"}
@@ -287,7 +282,7 @@ def test_a_bad_row_is_left_out_and_counted_and_the_next_one_is_published(message
         bad += [{**good, value: 1} for value in ("\ud800", "\0")]
         bad += [{name: value for name, value in good.items() if name != left} for left in good]
         for each in bad:
-            to, translator = Recorder(dds_types), messages.Translator(messages.Frames())
+            to, translator = Recorder(types), messages.Translator(messages.Frames())
             for line in (each, HEALTH, row(**METRIC)):
                 node.publish_line(json.dumps(line).encode(), translator, to)
             topics = [message.topic for message in to.sent]
@@ -332,20 +327,25 @@ def test_a_line_that_is_no_row_is_counted(messages, line):
     assert max(map(len, to.said)) < 300
 
 
-def test_a_node_whose_thread_dies_ends(messages, dds_types, monkeypatch, capsys):
+def test_a_node_whose_thread_dies_ends(messages, monkeypatch, capsys):
     """It lived on, and published nothing."""
     node = importlib.import_module("edge_vpr_ros.node")
 
-    class Broken(node.DdsBackend):
-        def __init__(self, arguments):
-            self.connect, self.odometry_to = arguments.connect, ""
-            self.frames = messages.Frames()
-            self._signalled, self._look = threading.Event(), lambda: None
+    class Broken(Recorder):
+        def __init__(self, arguments, words):
+            super().__init__(None)
+            self.connect, self.odometry_to, self.frames = arguments.connect, "", messages.Frames()
 
         def publish(self, message):
             raise RuntimeError("no more topics")
 
-    monkeypatch.setattr(node, "DdsBackend", Broken)
+        def log(self, text):
+            print(text, file=sys.stderr)
+
+        def spin(self, ended):
+            assert ended.wait(20)
+
+    monkeypatch.setattr(node, "RosNode", Broken)
     with socket.create_server(("127.0.0.1", 0)) as server:
 
         def serve():
@@ -358,138 +358,39 @@ def test_a_node_whose_thread_dies_ends(messages, dds_types, monkeypatch, capsys)
         thread = threading.Thread(target=serve)
         thread.start()
         address = f"127.0.0.1:{server.getsockname()[1]}"
-        assert node.main(["--dds", "--connect", address]) == 1
+        assert node.main(["--connect", address]) == 1
         thread.join(10)
     assert capsys.readouterr().err == "the node ends: RuntimeError: no more topics\n"
 
 
-def entities_of(messages, dds_types):
-    """Make readers and a writer of another participant of DDS, and its domain."""
-    from cyclonedds.core import Policy, Qos
-    from cyclonedds.domain import DomainParticipant
-    from cyclonedds.pub import DataWriter
-    from cyclonedds.sub import DataReader
-    from cyclonedds.topic import Topic
-    from cyclonedds.util import duration
-
-    domain = 77 + os.getpid() % 100
-    participant = DomainParticipant(domain)
-    reliable = Policy.Reliability.Reliable(duration(seconds=1))
-
-    def topic_of(topic, kind):
-        name = f"rt{topic}" if topic.startswith("/") else f"rt/rover/{topic}"
-        return Topic(participant, name, dds_types.TYPES[kind])
-
-    def reader(topic):
-        durable = [Policy.Durability.TransientLocal] if topic in messages.LATCHED else []
-        kind = messages.TOPICS[topic]
-        return DataReader(participant, topic_of(topic, kind), qos=Qos(reliable, *durable))
-
-    def writer(topic, kind):
-        return DataWriter(participant, topic_of(topic, kind), qos=Qos(reliable))
-
-    return reader, writer, domain
-
-
-def started(domain, *words):
-    return subprocess.Popen(
-        [sys.executable, str(ADAPTER / "edge_vpr_node.py"), "--dds", "--name", "rover", *words],
-        env={**os.environ, "ROS_DOMAIN_ID": str(domain)}, stderr=subprocess.PIPE, text=True,
-    )  # fmt: skip
-
-
-def waited_for(take, wanted):
-    """Return the first sample that is wanted."""
-    end = time.monotonic() + 60
-    while time.monotonic() < end:
-        for sample in take():
-            if wanted(sample):
-                return sample
-        time.sleep(0.02)
-    raise AssertionError("no such sample within a minute")
-
-
-def test_rows_of_a_server_arrive_at_another_participant(messages, dds_types):
-    """And once the server is gone, its diagnosis does not stay on what it was."""
-    topics = [topic for topic in messages.TOPICS if topic not in messages.LATCHED]
-    reader, writer, domain = entities_of(messages, dds_types)
-    readers = {topic: reader(topic) for topic in topics}
-    odometry = writer(messages.ODOM, messages.ODOM_KIND)
-    stop, jumps = threading.Event(), itertools.count()
-
-    def serve(server):
-        server.send("route", json.dumps(ROUTE))
-        while not stop.wait(0.05):
-            for each in (
-                row(**METRIC, probability=0.95, jumps=next(jumps)),
-                row(**ON_EARTH, probability=0.95),
-                HEALTH,
-            ):
+def test_rows_of_a_server_are_published_until_it_is_gone_which_is_said(messages, types):
+    """Its last diagnosis does not stay on what it was."""
+    node = importlib.import_module("edge_vpr_ros.node")
+    to, ended = Recorder(types), threading.Event()
+    to.frames = messages.Frames()
+    topics = {*messages.TOPICS} - {"/initialpose"}
+    with MatchServer("0") as server:
+        to.connect = server.address.removeprefix("http://").rstrip("/")
+        thread = threading.Thread(target=node.follow_server, args=(to, False, ended))
+        thread.start()
+        end = time.monotonic() + 60
+        while {each.topic for each in to.sent} < topics and time.monotonic() < end:
+            for each in (ROUTE, row(**METRIC), row(**ON_EARTH), HEALTH):
                 server.send(each["kind"], json.dumps(each))
-
-    with contextlib.ExitStack() as at_end, socket.socket(type=socket.SOCK_DGRAM) as odometer:
-        odometer.bind(("127.0.0.1", 0))
-        odometer.settimeout(0.02)
-        with MatchServer("0") as server:
-            thread = threading.Thread(target=serve, args=(server,))
-            thread.start()
-            address = server.address.removeprefix("http://").rstrip("/")
-            to = f"127.0.0.1:{odometer.getsockname()[1]}"
-            node = started(domain, "--connect", address, "--odometry-to", to)
-            at_end.callback(node.kill)  # also where nothing arrives
-            try:
-                found = {
-                    topic: waited_for(lambda topic=topic: readers[topic].take(1), lambda _: True)
-                    for topic in topics
-                }
-                # the route came long ago
-                late = reader("path")
-                path = waited_for(lambda: late.take(1), lambda _: True)
-                place = {"pose": {"pose": {"orientation": {"w": 1.0}}}}
-                readings = []
-                for x in range(200):
-                    place["pose"]["pose"]["position"] = {"x": float(x)}
-                    odometry.write(dds_types.build(messages.ODOM_KIND, place))
-                    with contextlib.suppress(TimeoutError):
-                        readings.append(float(odometer.recv(100)))
-                    if len(readings) > 20:
-                        break
-            finally:
-                stop.set()
-                thread.join()
-        gone = waited_for(
-            lambda: readers["/diagnostics"].take(10),
-            lambda sample: (
-                "ended" in sample.status[0].message
-                or "start edge-vpr stream" in sample.status[0].message
-            ),
-        )
-        node.send_signal(signal.SIGTERM)
-        _, said = node.communicate(timeout=20)
-        assert node.returncode == 0, said
-    assert gone.status[0].level == messages.ERROR
-    # one metre a message, of which the newest count
-    steps = np.diff(readings)
-    assert (steps >= 1).all()
-    assert np.array_equal(steps, steps.round())
-    assert [each.pose.position.x for each in path.poses] == ROUTE["x_m"]
-    pose, along = found["pose"], found["odometry"]
-    assert pose.pose.pose.position.x == 1.5
-    assert pose.header.frame_id == found["/initialpose"].header.frame_id == "map"
-    assert pose.pose.covariance[0] == along.pose.covariance[0] > 1
-    assert along.pose.pose.position.x == 40.0
-    assert found["certainty"].vector.x == 0.95
-    assert found["fix"].latitude == -27.5
-    assert found["/diagnostics"].status[0].name == "edge_vpr: camera"
-
-
-def test_a_node_without_a_server_says_so_and_ends_on_sigterm(messages, dds_types):
-    with socket.create_server(("127.0.0.1", 0)) as free:
-        port = free.getsockname()[1]
-    with started(77, "--connect", f"127.0.0.1:{port}") as node:
-        assert "start edge-vpr stream --http; trying again" in node.stderr.readline()
-        node.send_signal(signal.SIGTERM)
-        assert node.wait(10) == 0
+            time.sleep(0.05)
+    number, end = len(to.sent), time.monotonic() + 60
+    while not to.said and time.monotonic() < end:
+        time.sleep(0.05)
+    ended.set()
+    thread.join(20)
+    assert not thread.is_alive()
+    assert {each.topic for each in to.sent} >= topics
+    assert "; trying again" in to.said[0]
+    levels = [
+        each.fields["status"][0]["level"] for each in to.sent[number - 1 :]
+        if each.topic == "/diagnostics"
+    ]  # fmt: skip
+    assert levels[-1] == messages.ERROR
 
 
 class Node:
@@ -539,7 +440,7 @@ def test_a_node_of_rclpy_has_the_names_and_qualities_of_service(messages, monkey
         sys.modules["rclpy"].create_node = lambda name: ros
         node = importlib.import_module("edge_vpr_ros.node")
         flags = {"name": "rover", "connect": "127.0.0.1:1", "odometry_to": ""}
-        backend = node.RosBackend(SimpleNamespace(**flags, **vars(messages.Frames())), [])
+        backend = node.RosNode(SimpleNamespace(**flags, **vars(messages.Frames())), [])
         translator = messages.Translator(backend.frames)
         for each in (ROUTE, row(**METRIC), HEALTH):
             node.publish_line(json.dumps(each).encode(), translator, backend)
@@ -640,4 +541,4 @@ def test_an_address_that_is_none_is_refused():
 
 @pytest.mark.skipif(importlib.util.find_spec("rclpy") is not None, reason="ROS 2 is installed")
 def test_without_ros_2_the_remedy_is_told():
-    assert "setup.bash, or use --dds" in refused()
+    assert "source /opt/ros/DISTRIBUTION/setup.bash" in refused()

@@ -324,32 +324,23 @@ def test_sensors_have_1_to_65536_pixels_a_side(side, tmp_path):
 
 def test_a_polarity_byte_beyond_1_is_on_and_no_strange_boolean(tmp_path):
     events = make_events([0, 1, 2], [0, 0, 0], [0, 0, 0], [1, 0, 1])
-    write_recording(tmp_path / "a.npy", events, sensor=SENSOR)
+    np.save(tmp_path / "a.npy", events)
     data = (tmp_path / "a.npy").read_bytes()
     at = data.index(events.tobytes()) + EVENT_DTYPE.itemsize - 1
     (tmp_path / "a.npy").write_bytes(data[:at] + b"\x07" + data[at + 1 :])
-    (again,) = open_recording(tmp_path / "a.npy")
+    (again,) = open_recording(tmp_path / "a.npy", sensor=SENSOR)
     assert again["p"].copy().view(np.uint8).tolist() == [1, 0, 1]
 
 
-@pytest.mark.parametrize("suffix", [".csv", ".npy"])
-def test_csv_and_npy_carry_sensor_and_start_and_stay_readable_for_others(suffix, tmp_path):
+def test_csv_carries_sensor_and_start_and_stays_readable_for_others(tmp_path):
     events = make_events([3, 9], [1, 39], [2, 29], [0, 1])
-    path = tmp_path / f"a{suffix}"
+    path = tmp_path / "a.csv"
     write_recording(path, events, sensor=SENSOR, start_us=-77)
     recording = open_recording(path)
     assert (recording.sensor, recording.start_us) == (SENSOR, -77)
     assert np.array_equal(np.concatenate(list(recording)), events)
-    if suffix == ".npy":
-        assert np.array_equal(np.load(path), events)
-        assert np.array_equal(np.load(path, mmap_mode="r"), events)
-        # bytes behind the array that are not ours say nothing
-        path.write_bytes(path.read_bytes()[:-1] + b"!")
-        with pytest.raises(EdgeVprError, match="pass sensor="):
-            open_recording(path)
-    else:
-        table = np.genfromtxt(path, delimiter=",", comments="#", skip_header=2)
-        assert table.tolist() == [[3, 1, 2, 0], [9, 39, 29, 1]]
+    table = np.genfromtxt(path, delimiter=",", comments="#", skip_header=2)
+    assert table.tolist() == [[3, 1, 2, 0], [9, 39, 29, 1]]
 
 
 # --- other files, names, foreign exceptions -------------------------------------------------
@@ -489,14 +480,10 @@ def no_file_above(size):
     return limit
 
 
-@pytest.mark.parametrize(
-    ("suffix", "library"),
-    [(".raw", "numpy"), (".parquet", "pyarrow"), (".npz", "numpy")],
-)
+@pytest.mark.parametrize("suffix", [".raw", ".csv", ".npz"])
 @pytest.mark.parametrize("size", [3_000, 30_000])
-def test_a_full_disk_is_one_line_and_leaves_nothing(suffix, library, size, tmp_path):
+def test_a_full_disk_is_one_line_and_leaves_nothing(suffix, size, tmp_path):
     """A limit on a file's size, which fails as a full disk does: in the middle of a write."""
-    pytest.importorskip(library)
     path = tmp_path / f"a{suffix}"
     done = subprocess.run(
         [sys.executable, "-c", FULL_DISK, path],
@@ -509,5 +496,5 @@ def test_a_full_disk_is_one_line_and_leaves_nothing(suffix, library, size, tmp_p
     assert message.startswith(f"{path} cannot be written: ")
     assert "File too large" in message
     assert "\n" not in message
-    assert rest == "True" or suffix in (".npz", ".parquet")
+    assert rest == "True" or suffix == ".npz"
     assert not list(tmp_path.iterdir())

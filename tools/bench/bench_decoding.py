@@ -12,11 +12,10 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from openmv_camera import open_encoder
 from table import OURS
 
 from edge_vpr.events import Sensor, make_events
-from edge_vpr.live.protocols import open_decoder
+from edge_vpr.live.protocols import open_decoder, open_encoder
 
 SENSOR, EVENTS = Sensor(128, 128), 4_000_000
 #: bytes a second of a line of 12 Mbaud, ten bits a byte
@@ -26,8 +25,6 @@ PIECES = {"64 KiB": 65_536, "4 KiB": 4_096, "600 bytes": 600}
 PROTOCOLS = {
     "evpr": "evpr",
     "evpr:width=3,frame=200": "evpr",
-    "openmv": "openmv",
-    "openmv:channel=4": "openmv:channel=4",
     "edvs:format=E0": "edvs:format=E0,sync=1",
     "edvs:format=E1": "edvs",
     "edvs:format=E2": "edvs",
@@ -49,32 +46,11 @@ def line(request):
     p = rng.integers(0, 2, EVENTS)
     events = make_events(np.cumsum(rng.integers(1, 20, EVENTS)), x, y, p)
     encoder = open_encoder(request.param, SENSOR)
-    parts = np.array_split(events, 1_000)
-    if request.param == "openmv":
-        data = answers(encoder, parts)
-    else:
-        data = b"".join(encoder.encode(part) for part in parts)
+    data = b"".join(encoder.encode(part) for part in np.array_split(events, 1_000))
     decoder = open_decoder(PROTOCOLS[request.param], SENSOR)
     decoded = np.concatenate([decoder.feed(data), decoder.finish()])
     np.testing.assert_array_equal(decoded[["x", "y", "p"]], events[["x", "y", "p"]])
     return SimpleNamespace(device=request.param, data=data)
-
-
-def answers(camera, parts):
-    """Return what a camera says that is asked until it has nothing more."""
-    host, said, now, left = open_decoder("openmv", SENSOR), [], 0.0, list(reversed(parts))
-    question = host.setup()
-    while left or camera.held:
-        answer = b"" if said else camera.start()
-        if question:
-            answer += camera.respond(question)
-        said.append(answer + camera.to_send(now))
-        if left and camera.held <= camera.capacity:
-            camera.encode(left.pop())
-        host.feed(said[-1])
-        question = host.to_send(now)
-        now += 1e-4 if question else host.tick_s
-    return b"".join(said)
 
 
 def cut(data: bytes, piece: int) -> list[bytes]:

@@ -66,7 +66,7 @@ def filtered() -> ReferenceMap:
     counted = scene(PLACES).reference
     chosen = counted.settings.replaced(
         {
-            "matching": "filter",
+            "matching": "filter", "window": "time",
             "counter_code": "log", "counter_scaling": "contrast",
         },
         "latency",

@@ -253,7 +253,6 @@ EXTRAS = {
     "hdf5": "HDF5 recordings",
     "hdf5-filters": "HDF5 recordings compressed by Blosc (DSEC)",
     "ros": "ROS bags",
-    "es": "event-stream recordings",
     "tonic": "data sets by tonic",
     "firmware": "compiling and emulating the reference firmware",
     "pandas": "tables of matches (Matches.to_frame)",
@@ -261,14 +260,12 @@ EXTRAS = {
     "baselines": "histograms of oriented gradients in experiment rivals",
     "models": "networks in ONNX and safetensors files as baselines",
     "torch": "weights as PyTorch saves them",
-    "dds": "the node for ROS 2 (--dds)",
     "hardware": "placing the hardware core on an ECP5, and its bench in Python",
 }
 #: extras for work on edge-vpr, and those that only gather others
 NOT_CHECKED = ("formats", "docs", "test", "bench")
 #: extras that cannot be installed on a processor, and why
 NO_WHEELS = {
-    ("dds", "aarch64"): "cyclonedds has no wheel for aarch64",
     ("tonic", "aarch64"): "tonic needs expelliarmus, which has no wheel for aarch64; "
     "edge_vpr_tools.research.datasets reads the same files without it",
 }

@@ -68,7 +68,6 @@ STAGES = {
     "pipeline": Stage(
         "Maps and matches of whole drives",
         "From a recording to a map, and from a map and a recording to matches.",
-        names=("edge_vpr.registration.register", "edge_vpr.registration.MountShift"),
         exported=("map_record", "reference_map", "route"),
     ),
     "settings": Stage(

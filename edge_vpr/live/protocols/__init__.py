@@ -39,7 +39,7 @@ class Decoder:
 
     Parameters
     ----------
-    accounting : {"exact", "bound", "unknown"}
+    accounting : {"exact", "unknown"}
         How well the number of events that never arrived is known.
 
     Attributes
@@ -48,8 +48,6 @@ class Decoder:
         Number of undamaged bytes after a fault that suffice to find the next event.
     baud : int
         Rate of a serial port, unless the user gives one.
-    tick_s : float
-        Seconds after which `to_send` is to be called again while no bytes arrive.
     remark : str
         Current message for the user, if any.
     timestamps : TimestampFilter
@@ -58,7 +56,6 @@ class Decoder:
 
     resync_bytes: int = 0
     baud: int = 115_200
-    tick_s: float = 0.1
     remark: str = ""
 
     def __init__(self, sensor: Sensor, clock: Clock, accounting: str = UNKNOWN) -> None:
@@ -107,16 +104,6 @@ class Decoder:
 
     def teardown(self) -> bytes:
         """Return the commands to send before the link closes."""
-        return b""
-
-    def to_send(self, now_s: float) -> bytes:
-        """Return the bytes to send to the device now; called after each chunk, and during silence.
-
-        Parameters
-        ----------
-        now_s : float
-            Time on a clock that never goes back.
-        """
         return b""
 
     def feed(self, data: bytes, host_us: int = 0) -> Events:
@@ -208,14 +195,10 @@ class Encoder(ABC):
         Whether the bytes do not show the options of the protocol, so that a host is given them too.
     waits_for_host : bool
         Whether the device is silent until the host has sent something.
-    held, capacity : int
-        Number of events that wait for the host, and its limit; a device drops further events.
     """
 
     host_needs_options: bool = False
     waits_for_host: bool = False
-    held: int = 0
-    capacity: int = 0
 
     def __init__(self, sensor: Sensor) -> None:
         self.sensor = sensor
@@ -234,10 +217,6 @@ class Encoder(ABC):
 
     def respond(self, command: bytes) -> bytes:
         """Return the answer to bytes that the host sent."""
-        return b""
-
-    def to_send(self, now_s: float) -> bytes:
-        """Return the bytes to send now without a request; called repeatedly."""
         return b""
 
 
@@ -294,7 +273,7 @@ class OptionReader:
 #: ``open_encoder(name, sensor, options)``; both functions take an `OptionReader`.
 GROUP = "edge_vpr.protocols"
 
-ProtocolName = Literal["evpr", "edvs", "evt2", "evt21", "evt3", "openmv", "aer"]
+ProtocolName = Literal["evpr", "edvs", "evt2", "evt21", "evt3", "aer"]
 #: The protocols of this package, by the name that ``--protocol`` takes, and their modules.
 PROTOCOLS: dict[str, str] = {
     "evpr": "edge_vpr.live.protocols.evpr",  # this project's frames: numbers, drop counts, CRC-32
@@ -302,7 +281,6 @@ PROTOCOLS: dict[str, str] = {
     "evt2": "edge_vpr.live.protocols.evt",  # raw Prophesee words
     "evt21": "edge_vpr.live.protocols.evt",
     "evt3": "edge_vpr.live.protocols.evt",
-    "openmv": "edge_vpr.live.protocols.openmv",  # OpenMV protocol v2
     "aer": "edge_vpr.live.protocols.aer",  # address-event words, described by a TOML layout
 }
 _REGISTRY = Registry(GROUP, PROTOCOLS)

@@ -497,7 +497,6 @@ class EvprDecoder(Decoder):
         health.repeats += repeats
         health.sequence_gaps += gaps
         health.lost += lost
-        health.lost_at_most = health.lost
         health.device_dropped += dropped
         health.device_resets += resets
         return events

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field, fields
 from typing import Any
 
 #: How exactly a protocol can know the number of lost events.
-EXACT, BOUND, UNKNOWN = "exact", "bound", "unknown"
+EXACT, UNKNOWN = "exact", "unknown"
 
 
 def _no_fault(first: Any = 0) -> Any:
@@ -30,9 +30,8 @@ class Health:
     ``made by the device = decoded + lost + device_dropped``.
     """
 
-    #: {"exact", "bound", "unknown"}: whether `lost` is the number of events that were sent and
-    #: never decoded; a bound, such that the number lies between `lost` and `lost_at_most`; or only
-    #: the losses that happened to be noticed.
+    #: {"exact", "unknown"}: whether `lost` is the number of events that were sent and never
+    #: decoded, or only of the losses that happened to be noticed.
     accounting: str = _no_fault(UNKNOWN)
     bytes: int = _no_fault()  #: Received.
     #: Part of whole, undamaged events or frames (or of words that say something else).
@@ -55,7 +54,6 @@ class Health:
     off_sensor: int = _loss()
     undated: int = _loss()
     lost: int = 0  #: Events sent and never decoded, as far as known.
-    lost_at_most: int = 0  #: Upper bound of these, where `accounting` is a bound.
     device_dropped: int = _loss()  #: Events that the device says it had to drop.
     #: Restarts of the device; what it lost between its last frame and the restart is unknown.
     device_resets: int = _loss()
@@ -73,8 +71,6 @@ class Health:
     clock_jumps: int = _loss()
     reopened: int = _loss()  #: How often the link was disconnected and opened again.
     stalls: int = 0  #: Silences of more than a second after the first byte.
-    #: How often an answer of the device did not come, so that it was asked again.
-    retries: int = _loss()
     odometer_leaps: int = 0  #: Leaps of the odometer that are too fast for a robot.
     odometer_unused: int = 0  #: Readings of an odometer that could not be right, left out.
     misfits: int = 0  #: Matches in another place or light than the map's, by their misfit.
@@ -102,10 +98,7 @@ class Health:
     @property
     def faults(self) -> dict[str, int]:
         """Counts of the faults that occurred, by their names."""
-        counts = {name: count for name in _FAULTS if (count := getattr(self, name))}
-        if self.lost_at_most == self.lost:
-            counts.pop("lost_at_most", None)
-        return counts
+        return {name: count for name in _FAULTS if (count := getattr(self, name))}
 
     def reject_undated(self, n: int) -> None:
         """Count `n` decoded events that have no time."""
@@ -118,7 +111,7 @@ class Health:
         for name, count in self.faults.items():
             name = name.replace("_", " ").replace("crc", "CRC")
             if count == 1:
-                name = "retry" if name == "retries" else name.removesuffix("s")
+                name = name.removesuffix("s")
             parts.append(f"{count:,} {name}")
         return ", ".join(parts) or "no faults"
 
@@ -137,17 +130,10 @@ class Health:
         dropped = f", {self.device_dropped:,} dropped by the device" if self.device_dropped else ""
         restarts = "at least " if self.device_resets else ""
         before = " before the link was lost" if self.cut_off else ""
-        whole = self.frames if self.accounting == EXACT else self.decoded_bytes
-        if self.accounting in (EXACT, BOUND) and not whole and self.skipped_bytes:
+        if self.accounting == EXACT and not self.frames and self.skipped_bytes:
             return "no frame came whole, so that nothing is known of the events lost"
         if self.accounting == EXACT:
             return f"{restarts}{self.lost:,} events lost on the way{before}{dropped}"
-        if self.accounting == BOUND:
-            most = f" to {self.lost_at_most:,}" if self.lost_at_most > self.lost else ""
-            return (
-                f"{self.lost:,}{most} events lost on the way{before}; what the device dropped is "
-                "unknown to this protocol"
-            )
         return (
             f"{self.skipped_bytes + self.overrun_bytes:,} bytes lost or unreadable{before}; events "
             "lost before they arrived are unknown to this protocol"

@@ -82,5 +82,4 @@ def run(args: argparse.Namespace) -> None:
             f"the events were sent up to {bridge.behind_s:.1f} s late: the host, the line or this "
             "machine is too slow for them; a lower --speed is in time"
         )
-    dropped = f", dropped {bridge.dropped_events:,}" if bridge.dropped_events else ""
-    print(f"sent {bridge.sent_events:,} events in {bridge.sent_bytes:,} bytes{dropped}")
+    print(f"sent {bridge.sent_events:,} events in {bridge.sent_bytes:,} bytes")

@@ -24,8 +24,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "output",
         metavar="OUT",
-        help="file to write; its suffix names the format: .npz, .npy, .csv, .txt, .parquet or "
-        ".raw (EVT 2.0); for a map as the firmware reads it from flash, .h (for C), .bin or .hex",
+        help="file to write; its suffix names the format: .npz, .csv, .txt or .raw "
+        "(EVT 2.0); for a map as the firmware reads it from flash, .h (for C), .bin or .hex",
     )
     output = parser.add_argument_group("output")
     output.add_argument("--overwrite", action="store_true", help="replace the output if it exists")

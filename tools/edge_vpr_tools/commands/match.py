@@ -86,12 +86,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "place changes) (default: event); by events, more matches come where "
         "more is seen, and shares of all matches shift with them",
     )
-    parser.add_argument_group("mounting").add_argument(
-        "--register",
-        action="store_true",
-        help="estimate the shift of the image against the map, in pixels, from the first 128 "
-        "windows of the query, and move the pixels of the map by it",
-    )
     parser.add_argument_group("odometry").add_argument(
         "--odometry",
         metavar="FILE",
@@ -143,14 +137,12 @@ def run(args: argparse.Namespace) -> None:
     else:
         recording = open_source(args, args.recording, reference.camera)
         with_odometry = odometry is not None
-        warm_up_shown(matching_steps(asked, odometry=with_odometry, registered=args.register))
+        warm_up_shown(matching_steps(asked, odometry=with_odometry))
         found = reference.match(
             tracked(recording, "counting"),
             odometry=odometry,
-            registered=args.register,
             **match_flags(args),
         )
-    _report_shift(reference, found)
     faults = describe_faults(recording)
     queries, matches, metrics = found.queries, found.matches, found.metrics
     warn_of_bursts(found.removed, args.recording, "make the map with --bursts keep")
@@ -219,16 +211,11 @@ def _match_online(
     every = args.every or "event"
     recording = open_from(args, args.recording, reference.camera)
     bursts = BurstFilter(reference.pixel_map.sensor)
-    warm_up_shown(
-        localising_steps(
-            causal, every, bursts, odometry=odometry is not None, registered=args.register
-        )
-    )
+    warm_up_shown(localising_steps(causal, every, bursts, odometry=odometry is not None))
     return recording, reference.match(
         tracked(recording, "localising"),
         every=every,
         odometry=odometry,
-        registered=args.register,
         **match_flags(args),
     )
 
@@ -246,23 +233,7 @@ def _check_matrix(matrix: Path, inputs: list[str], args: argparse.Namespace) -> 
     results.check_new_file(matrix, inputs, args.overwrite)
 
 
-# Messages on how a query fits its map: the image shifted, or views unlike the map's.
-
-
-def _report_shift(reference: ReferenceMap, found: MatchResult) -> None:
-    """Print by how much the image of a query was shifted against the map, if that was estimated."""
-    shift = found.shift
-    if shift is None:
-        return
-    if (shift.dx, shift.dy) == (0, 0):
-        summary(f"no shift of the camera is clear from {shift.windows} windows")
-        return
-    pixels = len(reference.pixel_map)
-    warning(
-        f"the camera's image is shifted by ({shift.dx}, {shift.dy}) pixels: the map's pixels are "
-        f"moved, and {pixels - len(found.reference.pixel_map)} of {pixels} are lost; fix the "
-        "mounting, or make a new map"
-    )
+# Messages on how a query fits its map.
 
 
 def _warn_of_other_times(path: str, odometry: Odometry, matches: Matches) -> None:

@@ -40,12 +40,12 @@ class Known(NamedTuple):
 
 
 KNOWN = (
-    Known(0x37C5, 0x1206, "OpenMV N6, which takes a GENX320", "openmv", 921_600,
+    Known(0x37C5, 0x1206, "OpenMV N6, which takes a GENX320; see examples/openmv", "evpr", 921_600,
           f"{_OPENMV}OPENMV_N6/omv_boardconfig.mk"),
-    Known(0x37C5, 0x16E3, "OpenMV AE3", "openmv", 921_600,
+    Known(0x37C5, 0x16E3, "OpenMV AE3", "evpr", 921_600,
           f"{_OPENMV}OPENMV_AE3/omv_boardconfig.mk"),
-    Known(0x37C5, None, "OpenMV camera", "openmv", 921_600, f"{_OPENMV}: every board's vendor"),
-    Known(0x1209, 0xABD1, "OpenMV camera; needs firmware 5.0", "openmv", 921_600, _USB_IDS),
+    Known(0x37C5, None, "OpenMV camera", "evpr", 921_600, f"{_OPENMV}: every board's vendor"),
+    Known(0x1209, 0xABD1, "OpenMV camera", "evpr", 921_600, _USB_IDS),
     # we found no document that states which of these chips an eDVS has; the first two support its
     # 12 Mbaud, the third only its older 2 Mbaud (FTDI's data sheets)
     Known(0x0403, 0x6010, "FTDI dual bridge, perhaps an eDVS", "edvs", 12_000_000, _USB_IDS),

@@ -38,7 +38,7 @@ if TYPE_CHECKING:
 _ALIVE_S = 5.0
 
 EXAMPLES = """\
-  edge-vpr stream --port /dev/ttyACM0 --protocol openmv --map monday.npz
+  edge-vpr stream --port /dev/ttyUSB1 --protocol evpr --map monday.npz
   edge-vpr stream --port tcp://board:7000 --protocol evt3 --map monday.npz --log run.jsonl
   edge-vpr stream --port /dev/ttyACM0 --protocol evpr --sensor 64x64 --learn -o new.npz"""
 MAIN_FLAGS = (

@@ -1,15 +1,9 @@
-"""Publish the matches of `edge-vpr stream --http` to ROS 2.
-
-It is a node where ROS 2 (rclpy) is installed; with ``--dds`` it needs cyclonedds alone, and nodes
-of ROS 2 on the same domain read it all the same.
-"""
+"""Publish the matches of `edge-vpr stream --http` to ROS 2."""
 
 from __future__ import annotations
 
 import argparse
 import json
-import os
-import signal
 import socket
 import sys
 import threading
@@ -19,7 +13,7 @@ from contextlib import AbstractContextManager, closing, nullcontext, suppress
 from dataclasses import fields
 from http import HTTPStatus
 from http.client import HTTPConnection, HTTPException
-from typing import Any, Protocol
+from typing import Any
 
 from edge_vpr_ros.messages import (
     ERROR,
@@ -40,13 +34,11 @@ _LONGEST = 1 << 24
 #: Silence of the server in seconds after which it is asked again; it sends its health each second.
 _QUIET_S = 2.5
 _RETRY_S = 1.0
-#: Interval in seconds at which cyclonedds is asked for odometry.
-_LOOK_S = 0.05
 _CONNECT = "127.0.0.1:7000"
 
 
-class Backend(Protocol):
-    """Publishes messages.
+class RosNode:
+    """A node of rclpy, whose parameters have the names of the flags and of `Frames`.
 
     Attributes
     ----------
@@ -56,29 +48,6 @@ class Backend(Protocol):
         ``HOST:PORT`` of ``--odometry udp://``; empty without.
     frames : Frames
     """
-
-    connect: str
-    odometry_to: str
-    frames: Frames
-
-    def publish(self, message: Message) -> None:
-        """Publish one."""
-
-    def stamp_us(self, host_us: int) -> int:
-        """Return the time of messages for a row of this time, in microseconds."""
-
-    def log(self, text: str) -> None:
-        """Write a notice."""
-
-    def subscribe(self, take: Callable[[Any], None]) -> None:
-        """Call `take` with each message of the robot's odometry, in `spin`."""
-
-    def spin(self, ended: threading.Event) -> None:
-        """Wait until `ended` is set, or a signal ends the node."""
-
-
-class RosBackend:
-    """A node of rclpy, whose parameters have the names of the flags and of `Frames`."""
 
     def __init__(self, arguments: argparse.Namespace, ros_words: list[str]) -> None:
         import rclpy
@@ -115,7 +84,7 @@ class RosBackend:
         self._sensor_quality = qos.qos_profile_sensor_data
 
     def publish(self, message: Message) -> None:
-        """See `Backend.publish`."""
+        """Publish one message."""
         if not self._rclpy.ok():  # a signal ends the node
             return
         made = self._types[message.kind]()
@@ -123,21 +92,24 @@ class RosBackend:
         self._publishers[message.topic].publish(made)
 
     def stamp_us(self, host_us: int) -> int:
-        """See `Backend.stamp_us`; with simulated time, the time is that of arrival."""
+        """Return the time of messages for a row of this time, in microseconds.
+
+        With simulated time, it is that of arrival.
+        """
         if not self._simulated:
             return host_us
         return int(self._node.get_clock().now().nanoseconds // 1_000)
 
     def log(self, text: str) -> None:
-        """See `Backend.log`."""
+        """Write a notice."""
         self._node.get_logger().warning(text)
 
     def subscribe(self, take: Callable[[Any], None]) -> None:
-        """See `Backend.subscribe`."""
+        """Call `take` with each message of the robot's odometry, in `spin`."""
         self._node.create_subscription(self._types[ODOM_KIND], ODOM, take, self._sensor_quality)
 
     def spin(self, ended: threading.Event) -> None:
-        """See `Backend.spin`."""
+        """Wait until `ended` is set, or a signal ends the node."""
         from rclpy.executors import ExternalShutdownException
 
         try:
@@ -157,76 +129,6 @@ def _with_bytes(value: Any, name: str = "") -> Any:
     if isinstance(value, list) and name in ("status", "values"):
         return [_with_bytes(inner) for inner in value]
     return bytes([value]) if name == "level" else value
-
-
-class DdsBackend:
-    """A participant of DDS whose topics and types have the names that ROS 2 gives them."""
-
-    def __init__(self, arguments: argparse.Namespace) -> None:
-        from cyclonedds.core import Policy, Qos
-        from cyclonedds.domain import DomainParticipant
-        from cyclonedds.pub import DataWriter
-        from cyclonedds.util import duration
-
-        from edge_vpr_ros.dds_types import TYPES, build
-
-        self.connect, self.odometry_to = arguments.connect, arguments.odometry_to
-        self.frames = Frames(
-            **{each.name: getattr(arguments, each.name) for each in fields(Frames)}
-        )
-        self._types: dict[str, Any] = TYPES
-        self._build = build
-        self._participant = DomainParticipant(int(os.environ.get("ROS_DOMAIN_ID", "0")))
-        reliable = Policy.Reliability.Reliable(duration(milliseconds=100))
-        newest = Qos(reliable, Policy.History.KeepLast(10))
-        latched = Qos(reliable, Policy.History.KeepLast(1), Policy.Durability.TransientLocal)
-        self._writers = {
-            topic: DataWriter(
-                self._participant,
-                self._topic(topic if topic.startswith("/") else f"/{arguments.name}/{topic}", kind),
-                qos=latched if topic in LATCHED else newest,
-            )
-            for topic, kind in TOPICS.items()
-        }
-        self._look: Callable[[], None] = lambda: None
-        self._signalled = threading.Event()
-        for number in (signal.SIGTERM, signal.SIGINT):
-            signal.signal(number, lambda *_: self._signalled.set())
-
-    def publish(self, message: Message) -> None:
-        """See `Backend.publish`."""
-        self._writers[message.topic].write(self._build(message.kind, message.fields))
-
-    def stamp_us(self, host_us: int) -> int:
-        """See `Backend.stamp_us`."""
-        return host_us
-
-    def log(self, text: str) -> None:
-        """See `Backend.log`."""
-        print(text, file=sys.stderr, flush=True)
-
-    def subscribe(self, take: Callable[[Any], None]) -> None:
-        """See `Backend.subscribe`."""
-        from cyclonedds.sub import DataReader
-
-        reader = DataReader(self._participant, self._topic(ODOM, ODOM_KIND))
-
-        def look() -> None:
-            for sample in reader.take(100):
-                if isinstance(sample, self._types[ODOM_KIND]):  # else its sender has gone
-                    take(sample)
-
-        self._look = look
-
-    def _topic(self, name: str, kind: str) -> Any:
-        from cyclonedds.topic import Topic
-
-        return Topic(self._participant, f"rt{name}", self._types[kind])
-
-    def spin(self, ended: threading.Event) -> None:
-        """See `Backend.spin`."""
-        while not self._signalled.is_set() and not ended.wait(_LOOK_S):
-            self._look()
 
 
 def lines_from(host: str, port: int) -> Iterator[bytes]:
@@ -259,59 +161,59 @@ def row_of(line: bytes) -> dict[str, Any]:
     return row
 
 
-def publish_line(line: bytes, translator: Translator, backend: Backend) -> None:
+def publish_line(line: bytes, translator: Translator, node: RosNode) -> None:
     """Publish the messages of a row; invalid rows are left out and counted."""
     try:
         row = row_of(line)
         host_us = host_us_of(row)
-        stamp_us = backend.stamp_us(int(1e6 * time.time()) if host_us is None else host_us)
+        stamp_us = node.stamp_us(int(1e6 * time.time()) if host_us is None else host_us)
         messages = translator.messages_of(row, stamp_us)
     except (ValueError, RecursionError) as error:
         translator.left_out = n = translator.left_out + 1
         if n & (n - 1) == 0:  # the first, second, fourth, ...: a log is not filled by them
-            backend.log(f"rows left out: {n:,}, the last one since {error}")
+            node.log(f"rows left out: {n:,}, the last one since {error}")
         return
     for message in messages:
-        backend.publish(message)
+        node.publish(message)
 
 
-def follow_server(backend: Backend, once: bool, ended: threading.Event) -> None:
+def follow_server(node: RosNode, once: bool, ended: threading.Event) -> None:
     """Publish what a server sends; connect again when it is lost, unless `once`."""
-    host, port = _host_port("connect", backend.connect)
-    translator, said = Translator(backend.frames), ""
+    host, port = _host_port("connect", node.connect)
+    translator, said = Translator(node.frames), ""
     while not ended.is_set():
         try:
             for line in lines_from(host, port):
-                publish_line(line, translator, backend)
+                publish_line(line, translator, node)
                 said = ""
             text = "edge-vpr has ended"
         except OSError as error:
-            text = f"no matches from {backend.connect}: {error}: start edge-vpr stream --http"
+            text = f"no matches from {node.connect}: {error}: start edge-vpr stream --http"
         if once:
             break
         if text != said:
-            backend.log(f"{text}; trying again")
+            node.log(f"{text}; trying again")
             said = text
         # else the last diagnosis would stay for ever
-        now_us = backend.stamp_us(int(1e6 * time.time()))
-        backend.publish(diagnosis(ERROR, text, {"connect": backend.connect}, now_us))
+        now_us = node.stamp_us(int(1e6 * time.time()))
+        node.publish(diagnosis(ERROR, text, {"connect": node.connect}, now_us))
         ended.wait(_RETRY_S)
 
 
-def forward_odometry(backend: Backend) -> socket.socket:
+def forward_odometry(node: RosNode) -> socket.socket:
     """Send the distance that the robot's odometry has driven to ``stream --odometry udp://``.
 
     Returns
     -------
     socket
-        That sends; the caller closes it after `Backend.spin`.
+        That sends; the caller closes it after `RosNode.spin`.
 
     Raises
     ------
     OSError
         If the address is not known.
     """
-    host, port = _host_port("odometry_to", backend.odometry_to)
+    host, port = _host_port("odometry_to", node.odometry_to)
     family = socket.getaddrinfo(host, port, type=socket.SOCK_DGRAM)[0][0]
     sender = socket.socket(family, socket.SOCK_DGRAM)
     sender.connect((host, port))
@@ -324,7 +226,7 @@ def forward_odometry(backend: Backend) -> socket.socket:
             with suppress(OSError):  # stream is not there yet
                 sender.send(b"%.3f\n" % metres)
 
-    backend.subscribe(take)
+    node.subscribe(take)
     return sender
 
 
@@ -354,41 +256,35 @@ def main(words: list[str] | None = None) -> int:
         "--odometry-to", default="", metavar="HOST:PORT",
         help=f"send the distance driven by {ODOM} there, to stream --odometry udp://",
     )  # fmt: skip
-    parser.add_argument("--dds", action="store_true", help="publish by cyclonedds, without rclpy")
     parser.add_argument("--once", action="store_true", help="end when the server closes")
     # ros2 run and launch files add arguments of their own
     arguments, ros_words = parser.parse_known_args(words)
     try:
         _host_port("connect", arguments.connect)
-        backend: Backend
-        backend = DdsBackend(arguments) if arguments.dds else RosBackend(arguments, ros_words)
-        _host_port("connect", backend.connect)  # a parameter overrules the flag
+        node = RosNode(arguments, ros_words)
+        _host_port("connect", node.connect)  # a parameter overrules the flag
         odometer: AbstractContextManager[object] = (
-            forward_odometry(backend) if backend.odometry_to else nullcontext()
+            forward_odometry(node) if node.odometry_to else nullcontext()
         )
     except (ValueError, OSError) as error:
         parser.error(str(error))
     except ImportError as error:
-        remedy = (
-            "pip install cyclonedds" if arguments.dds
-            else "source /opt/ros/DISTRIBUTION/setup.bash, or use --dds"
-        )  # fmt: skip
-        parser.error(f"{error}: {remedy}")
+        parser.error(f"{error}: source /opt/ros/DISTRIBUTION/setup.bash")
     ended, failed = threading.Event(), threading.Event()
 
     def follow() -> None:
         # without this, a node whose thread has ended would go on without publishing
         try:
-            follow_server(backend, arguments.once, ended)
+            follow_server(node, arguments.once, ended)
         except Exception as error:
             failed.set()
-            backend.log(f"the node ends: {type(error).__name__}: {error}")
+            node.log(f"the node ends: {type(error).__name__}: {error}")
         finally:
             ended.set()
 
     threading.Thread(target=follow, daemon=True).start()
     with odometer:
-        backend.spin(ended)
+        node.spin(ended)
     ended.set()
     return int(failed.is_set())
 

@@ -17,7 +17,6 @@ import numpy.typing as npt
 from edge_vpr.descriptors.windows import FixedTime, WindowCounts
 from edge_vpr.errors import UsageError
 from edge_vpr.events import Sensor
-from edge_vpr.registration import register
 from edge_vpr_tools.research.experiments.drives import (
     INDOOR,
     PAPER,
@@ -28,6 +27,7 @@ from edge_vpr_tools.research.experiments.drives import (
 from edge_vpr_tools.research.experiments.experiment import Draw, Drives, Experiment, Row
 from edge_vpr_tools.research.experiments.pairs import Pair, count_drive
 from edge_vpr_tools.research.experiments.variants import DEFAULT_MATCHING, Variant
+from edge_vpr_tools.research.registration import register
 
 #: shifts to the right and downwards, in pixels
 SHIFTS = (0, 1, 2, 4, 8)

@@ -2,21 +2,24 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import replace
 
 import naive
 import numpy as np
 import pytest
-from edge_vpr_tools.cli import main
+from edge_vpr_tools.research.registration import (
+    SEQUENCE,
+    estimate_shift,
+    moved_map,
+    reach_of,
+    register,
+)
 from streams import Drive, random_events
 
 from edge_vpr.descriptors.windows import WindowCounts
 from edge_vpr.errors import MapError, UsageError
 from edge_vpr.events import Sensor, make_events
-from edge_vpr.recordings import write_recording
 from edge_vpr.reference_map import ReferenceMap
-from edge_vpr.registration import SEQUENCE, estimate_shift, moved_map, reach_of, register
 from edge_vpr.settings import PRESETS, Settings
 
 SENSOR = Sensor(32, 24)
@@ -189,32 +192,3 @@ def test_what_cannot_be_registered_is_refused_with_a_remedy():
     other = Drive(random_events(rng, 10, Sensor(5, 5), 100), Sensor(5, 5))
     with pytest.raises(MapError, match="5x5"):
         register(mapped, other)
-
-
-@pytest.mark.parametrize("online", [[], ["--online", "--every", "window"]])
-def test_match_registers_and_warns(tmp_path, capsys, online):
-    rng = np.random.default_rng(10)
-    world = scenes(rng)
-    for name, shift in (("reference", (0, 0)), ("query", (2, 1))):
-        events = list(drive(rng, seen(world, *shift)))
-        write_recording(tmp_path / f"{name}.npz", events, sensor=SENSOR)
-    mapped = f"{tmp_path}/map.npz"
-    settings = ["--preset", "paper", "--pixels", "20", "--sigma", "0", "--tau", "1s", "-L", "2",
-                "--bursts", "keep", "--hot-pixels", "keep"]  # fmt: skip
-    assert main(["map", f"{tmp_path}/reference.npz", "-o", mapped, *settings]) == 0
-    run = ["match", mapped, f"{tmp_path}/query.npz", "--no-figures", *online]
-    capsys.readouterr()
-    assert main([*run, "-o", f"{tmp_path}/found", "--register"]) == 0
-    said = capsys.readouterr().err
-    assert "warning: the camera's image is shifted by (2, 1) pixels" in said
-    shift = json.loads((tmp_path / "found/metrics.json").read_text())["mount_shift"]
-    assert (shift["dx"], shift["dy"]) == (2, 1) and shift["likeness"] > shift["likeness_unmoved"]
-    rows = (tmp_path / "found/matches.csv").read_text().splitlines()
-    assert len(rows) > 10
-    assert main([*run, "-o", f"{tmp_path}/plain"]) == 0
-    assert "mount_shift" not in json.loads((tmp_path / "plain/metrics.json").read_text())
-    assert "shifted" not in capsys.readouterr().err
-    capsys.readouterr()
-    run[2] = f"{tmp_path}/reference.npz"
-    assert main([*run, "-o", f"{tmp_path}/same", "--register"]) == 0
-    assert "no shift of the camera is clear" in capsys.readouterr().out
