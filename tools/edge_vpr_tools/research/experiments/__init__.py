@@ -7,5 +7,5 @@ Each is a module of this package that declares an `experiment.Experiment` as ``E
 EXPERIMENTS = (
     "simulated", "speck-walks", "codes", "place-filter", "sensitivity", "calibration", "trust",
     "mount-shift", "rivals", "frames", "pixel-number", "fixed-number", "joules", "several-drives",
-    "places-per-window", "designs", "position",
+    "places-per-window", "designs", "position", "robustness",
 )  # fmt: skip
