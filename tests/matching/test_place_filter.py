@@ -225,7 +225,7 @@ def test_the_cost_of_whole_paths_over_gains_equals_the_oracle(
         done.append(found.update_windows(row[None], events[w : w + 1].astype(np.int64)))
     results = WindowRows(*(np.concatenate(column) for column in zip(*done, strict=True)))
     residual = np.empty(windows, dtype=np.int64)
-    BackwardPass(found.transitions).add_to(results, counted_mm, residual)
+    BackwardPass(found.transitions).add_to(results, counted_mm, [0] * windows, residual)
     for w, (one, costs_of_paths) in enumerate(smoothed(page, rows)):
         assert results.best[w].tolist() == [one.place, one.gain]
         assert results.columns[w, 0] == one.told
