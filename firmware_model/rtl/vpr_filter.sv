@@ -183,7 +183,7 @@ module vpr_filter #(
 
     logic                       visits;  // behind the search, of places around the best
     logic [PLACE_BITS-1:0]      visited;
-    logic [METRIC_BITS-1:0]     least_q, former_inverse, prediction, sum_inverse_q;
+    logic [METRIC_BITS-1:0]     least_q, former_inverse, above, prediction, sum_inverse_q;
     logic [STEPS*COST_BITS-1:0] costs;
 
     wire [PLACE_BITS-1:0] place   = visits ? visited : index_q;
@@ -207,7 +207,7 @@ module vpr_filter #(
     vpr_prediction predictions (
         .clk_i(clk_i), .clear_i(state_q == IDLE || state_q == DIVIDE), .shift_i(metrics),
         .metric_i(~former_inverse), .costs_i(costs), .placed_i(placed_q),
-        .least_i(least_q), .prediction_o(prediction)
+        .least_i(least_q), .above_o(above), .prediction_o(prediction)
     );
 
     // Metrics, for the search; and what is told of the best
@@ -236,8 +236,8 @@ module vpr_filter #(
     end
 
     vpr_middle middle (
-        .clk_i(clk_i), .rst_i(rst_i), .found_i(found_i), .best_i(best_i), .best_sum_i(best_sum_i),
-        .visits_o(visits), .place_o(visited), .metric_inverse_i(former_inverse),
+        .clk_i(clk_i), .rst_i(rst_i), .found_i(found_i), .best_i(best_i),
+        .visits_o(visits), .place_o(visited), .above_i(above),
         .is_best_o(is_best), .told_o(told_o)
     );
 
