@@ -212,9 +212,9 @@ module vpr_core #(
 
     // A window at a time: from its end until its match is taken, or there is none
 
-    // the search's two clocks, and the first of the acceptance test; the trust takes seven more, and
-    // the middle of places that are told up to thirteen
-    localparam int FINISHING = !FILTER ? 3 : REACH == 0 ? 10 : 2 * REACH + 6;
+    // the search's two clocks, and the first of the acceptance test; the trust takes ten more, and
+    // the middle of places that are told eleven
+    localparam int FINISHING = !FILTER ? 3 : REACH == 0 ? 13 : 2 * REACH + 6;
 
     logic [FINISHING-1:0] finishing_q;
 

@@ -65,18 +65,20 @@ module vpr_filter #(
     localparam logic [1:0] FOR_METRICS = 2'd2;
 
     logic [1:0]                 state_q, pass_q;
-    logic                       waiting_q, beat_q, ends_q, divide_q, done;
+    logic                       waiting_q, beat_q, ends_q, divides_q, divide_q, done;
     logic                       scaled_q;  // by the spread of this window
     logic [PLACE_BITS-1:0]      index_q;
     logic [DISTANCE_BITS-1:0]   kept, nearest_inverse_q;
+    // a clock behind the place, as memory gives it late
+    logic                       deviates_q;
+    logic [DISTANCE_BITS-1:0]   here_q;
     logic                       known, whole;
     logic [RECIPROCAL_BITS-2:0] factor;  // see vpr_spread
 
     // A place: its distance comes from the distance unit, or later from memory
     wire                     comes     = pass_q == FOR_MEAN;
     wire                     item      = state_q == RUN && (comes ? distance_valid_i : beat_q);
-    wire [DISTANCE_BITS-1:0] here      = comes ? distance_i : kept;
-    // not of `here`, which memory gives later: the carry says that it is above the nearest
+    // the carry says that it is above the nearest
     wire [DISTANCE_BITS:0]   farther   = {1'b0, distance_i} + {1'b0, nearest_inverse_q};
     wire                     item_last = index_q == PLACE_BITS'(PLACES - 1);
     wire                     begins    = waiting_q;  // it is idle when a window begins
@@ -88,7 +90,10 @@ module vpr_filter #(
     always_ff @(posedge clk_i) begin
         waiting_q        <= start_i || (waiting_q && paused_i && !settled_i);
         beat_q           <= state_q == RUN && !beat_q;
-        divide_q         <= 1'b0;
+        here_q           <= comes ? distance_i : kept;
+        deviates_q       <= item && !paused_i;
+        divides_q        <= 1'b0;
+        divide_q         <= divides_q;
         ends_q           <= (item && item_last) || (ends_q && !settled_i);
         case (state_q)
             IDLE: begin
@@ -96,8 +101,8 @@ module vpr_filter #(
                 if (waiting_q && (!paused_i || settled_i)) state_q <= RUN;
             end
             RUN: if (ends_q && settled_i) begin
-                state_q  <= paused_i || scaled_q ? IDLE : DIVIDE;
-                divide_q <= !paused_i && !scaled_q;
+                state_q   <= paused_i || scaled_q ? IDLE : DIVIDE;
+                divides_q <= !paused_i && !scaled_q;
             end
             default: if (done) begin
                 pass_q   <= pass_d;
@@ -112,14 +117,17 @@ module vpr_filter #(
         else if (distance_valid_i && comes && !farther[DISTANCE_BITS])
             nearest_inverse_q <= ~distance_i;
         if (rst_i) begin
-            state_q   <= IDLE;
-            waiting_q <= 1'b0;
-            ends_q    <= 1'b0;
+            state_q    <= IDLE;
+            waiting_q  <= 1'b0;
+            ends_q     <= 1'b0;
+            deviates_q <= 1'b0;
+            divides_q  <= 1'b0;
+            divide_q   <= 1'b0;
         end
     end
 
     vpr_spread scale (
-        .clk_i(clk_i), .rst_i(rst_i), .clear_i(begins), .valid_i(item && !paused_i), .distance_i(here),
+        .clk_i(clk_i), .rst_i(rst_i), .clear_i(begins), .valid_i(deviates_q), .distance_i(here_q),
         .of_mean_i(pass_q == FOR_MEAN), .divide_i(divide_q), .done_o(done),
         .known_o(known), .whole_o(whole), .factor_o(factor)
     );
@@ -152,7 +160,7 @@ module vpr_filter #(
     // Evidence: the place's distance less the least one, divided by the spread, saturated, and weighted
     // in eighths. A pause has none.
 
-    logic [DISTANCE_BITS-1:0] kept_q, above_q;
+    logic [DISTANCE_BITS-1:0] above_q;
     logic [PRODUCT_BITS-1:0]  product_q;
     logic [EVIDENCE_BITS-1:0] limited_q;
     logic [EVIDENCE_BITS+3:0] evidence_q;  // in eighths
@@ -163,9 +171,8 @@ module vpr_filter #(
     wire [EVIDENCE_BITS-1:0]    against = evidence_q[EVIDENCE_BITS+2:3];
 
     always_ff @(posedge clk_i) begin
-        kept_q     <= kept;
         // with a carry into the lowest bit
-        above_q    <= DISTANCE_BITS'(({kept_q, 1'b1} + {nearest_inverse_q, 1'b1}) >> 1);
+        above_q    <= DISTANCE_BITS'(({here_q, 1'b1} + {nearest_inverse_q, 1'b1}) >> 1);
         product_q  <= PRODUCT_BITS'(above_q) * PRODUCT_BITS'(factor);
         limited_q  <= paused_i ? '0
                     : (divided >> EVIDENCE_BITS) != 0 ? '1 : EVIDENCE_BITS'(divided);
@@ -176,7 +183,7 @@ module vpr_filter #(
 
     logic                       visits;  // behind the search, of places around the best
     logic [PLACE_BITS-1:0]      visited;
-    logic [METRIC_BITS-1:0]     least_q, former_inverse, prediction, sum_inverse_q;
+    logic [METRIC_BITS-1:0]     least_q, former_inverse, above, prediction, sum_inverse_q;
     logic [STEPS*COST_BITS-1:0] costs;
 
     wire [PLACE_BITS-1:0] place   = visits ? visited : index_q;
@@ -200,7 +207,7 @@ module vpr_filter #(
     vpr_prediction predictions (
         .clk_i(clk_i), .clear_i(state_q == IDLE || state_q == DIVIDE), .shift_i(metrics),
         .metric_i(~former_inverse), .costs_i(costs), .placed_i(placed_q),
-        .least_i(least_q), .prediction_o(prediction)
+        .least_i(least_q), .above_o(above), .prediction_o(prediction)
     );
 
     // Metrics, for the search; and what is told of the best
@@ -229,8 +236,8 @@ module vpr_filter #(
     end
 
     vpr_middle middle (
-        .clk_i(clk_i), .rst_i(rst_i), .found_i(found_i), .best_i(best_i), .best_sum_i(best_sum_i),
-        .visits_o(visits), .place_o(visited), .metric_inverse_i(former_inverse),
+        .clk_i(clk_i), .rst_i(rst_i), .found_i(found_i), .best_i(best_i),
+        .visits_o(visits), .place_o(visited), .above_i(above),
         .is_best_o(is_best), .told_o(told_o)
     );
 

@@ -4,8 +4,8 @@
 //
 // `found_i` says that the best stands, and no sum comes any more. Places are then visited, one a
 // clock, from REACH before the best on, or the first, to REACH behind it, or the last:
-// `metric_inverse_i` is of `place_o` of the clock before, in which `visits_o` is high, and
-// `is_best_o` is high with that of the best. `told_o` stands 2 REACH + 5 clocks after `found_i`, until
+// `above_i` is the metric of `place_o` of two clocks before, in which `visits_o` was high, less
+// the best, and `is_best_o` is high a clock behind the best. `told_o` stands 2 REACH + 5 clocks after `found_i`, until
 // the next. Without a reach the best alone is visited, and told.
 module vpr_middle #(
     localparam int PLACES      = vpr_pkg::PLACES,
@@ -17,16 +17,15 @@ module vpr_middle #(
     input  logic                   rst_i,
     input  logic                   found_i,
     input  logic [PLACE_BITS-1:0]  best_i,
-    input  logic [METRIC_BITS-1:0] best_sum_i,
     output logic                   visits_o,
     output logic [PLACE_BITS-1:0]  place_o,
-    input  logic [METRIC_BITS-1:0] metric_inverse_i,
+    input  logic [METRIC_BITS-1:0] above_i,
     output logic                   is_best_o,
     output logic [PLACE_BITS-1:0]  told_o
 );
     generate
         if (REACH == 0) begin : g_best
-            wire unused = &{1'b0, rst_i, best_sum_i, metric_inverse_i};
+            wire unused = &{1'b0, rst_i, above_i};
             assign place_o = best_i;
             assign told_o  = best_i;
             always_ff @(posedge clk_i) begin
@@ -34,7 +33,7 @@ module vpr_middle #(
                 is_best_o <= visits_o;
             end
         end else begin : g_middle
-            localparam int NEAR       = 8;
+            localparam logic [METRIC_BITS-1:0] NEAR = METRIC_BITS'(8);
             localparam int WIDE_BITS  = (PLACE_BITS > 3 ? PLACE_BITS : 3) + 1;
             localparam int BEHIND_BITS = $clog2(REACH + 1);
             localparam int BOTH_BITS  = BEHIND_BITS + 1;
@@ -42,8 +41,7 @@ module vpr_middle #(
             logic [BEHIND_BITS-1:0] behind_q;  // places behind the best, of the one that is visited
             // of the place that was visited, as it is read, and as it is counted
             logic                   before_1_q, before_2_q, behind_1_q, behind_2_q;
-            logic                   near_2_q, ended_q;
-            logic [METRIC_BITS:0]   most_q;
+            logic                   ended_q;
             // near places behind the best, less those before it
             logic signed [BOTH_BITS-1:0] both_q;
 
@@ -51,8 +49,7 @@ module vpr_middle #(
             wire                 at_best = place_o == best_i;
             wire                 last    = place_o == PLACE_BITS'(PLACES - 1)
                                            || behind_q == BEHIND_BITS'(REACH);
-            // a carry says that most less the metric is not negative
-            wire [METRIC_BITS+1:0] room  = {1'b0, most_q} + {2'b0, metric_inverse_i};
+            wire                 near    = above_i <= NEAR;
             // half of them, rounded up
             wire signed [BOTH_BITS-1:0] rounded = both_q + BOTH_BITS'(1);
             wire signed [BOTH_BITS-1:0] moves   = rounded >>> 1;
@@ -68,17 +65,15 @@ module vpr_middle #(
                 behind_1_q <= visits_o && behind_q != 0;
                 before_2_q <= before_1_q;
                 behind_2_q <= behind_1_q;
-                most_q     <= (METRIC_BITS + 1)'(best_sum_i) + (METRIC_BITS + 1)'(NEAR + 1);
-                near_2_q   <= |room[METRIC_BITS+1:METRIC_BITS];
                 if (found_i) both_q <= '0;
-                else if (before_2_q) both_q <= near_2_q ? both_q - 1'b1 : '0;
-                else if (behind_2_q && near_2_q && !ended_q) both_q <= both_q + 1'b1;
-                ended_q <= !found_i && (ended_q || (behind_2_q && !near_2_q));
+                else if (before_2_q) both_q <= near ? both_q - 1'b1 : '0;
+                else if (behind_2_q && near && !ended_q) both_q <= both_q + 1'b1;
+                ended_q <= !found_i && (ended_q || (behind_2_q && !near));
                 told_o  <= best_i + PLACE_BITS'(moves);
                 if (rst_i) visits_o <= 1'b0;
             end
 
-            wire unused = &{1'b0, first, room};
+            wire unused = &{1'b0, first};
         end
     endgenerate
 endmodule

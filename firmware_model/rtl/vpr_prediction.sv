@@ -5,7 +5,7 @@
 //
 // `prediction_o` is registered at the third clock edge after the one that shifts, and one more for
 // each level of the tree of comparisons; it stays until the next. Before the first window
-// (`placed_i`) it is 0.
+// (`placed_i`) it is 0. `above_o` is the metric of the clock before less the least.
 module vpr_prediction #(
     localparam int           STEPS       = vpr_pkg::STEPS,
     localparam int           COST_BITS   = vpr_pkg::COST_BITS,
@@ -19,6 +19,7 @@ module vpr_prediction #(
     input  logic [STEPS*COST_BITS-1:0] costs_i,
     input  logic                   placed_i,
     input  logic [METRIC_BITS-1:0] least_i,
+    output logic [METRIC_BITS-1:0] above_o,
     output logic [METRIC_BITS-1:0] prediction_o
 );
     localparam int LEVELS = $clog2(STEPS + 1);
@@ -72,6 +73,7 @@ module vpr_prediction #(
         end
     endgenerate
 
+    assign above_o      = above;
     assign prediction_o = placed_i ? METRIC_BITS'(g_level[LEVELS].nearest) : '0;
 
     wire unused = &{1'b0, below, g_level[LEVELS].nearest};

@@ -13,7 +13,7 @@
 #define VPR_EVENT_TIME_HIGH 0x24U /* write: its upper bits, of clocks above 32 bits */
 #define VPR_EVENT_PIXEL 0x28U /* write: column (16 bits), row (15), ON (1); sends the event */
 #define VPR_PLACE 0x30U /* write: next 32 bits of a word of `places.mem`, the lowest first */
-#define VPR_TABLE_ADDRESS 0x34U /* write: bits 24 to 26 the table (0 displacement, 1 lookup, 2 levels, 3 means, 4 place_activity), bits 0 to 19 the word */
+#define VPR_TABLE_ADDRESS 0x34U /* write: bits 24 to 26 the table (0 displacement, 1 lookup, 2 levels, 3 means, 4 place_activity, 5 limits, 6 place_bias), bits 0 to 19 the word */
 #define VPR_TABLE_WORD 0x38U /* write: word of that table; the address then moves by one */
 #define VPR_MATCH_WINDOW 0x40U /* read: number of the window */
 #define VPR_MATCH_PLACE 0x44U /* read: best place */

@@ -33,7 +33,6 @@ module vpr_see (
     wire        all     = !none && |eighths_q[8:3];
     wire        has_few = paused_i || (placed_i && (none || (!all && !eighths_q[2])));
 
-    assign weight_o = !placed_i || all ? 4'd8 : none ? 4'd0 : {1'b0, eighths_q[2:0]};
     assign stands_o = few_q > PATIENCE;
 
     always_ff @(posedge clk_i) begin
@@ -41,6 +40,7 @@ module vpr_see (
         judges_q  <= settled_i && !settled_q;
         if (is_best_i) allowance_q <= 10'd55 - {{2{of_place_i[7]}}, of_place_i};
         eighths_q <= surplus[10:1];
+        weight_o  <= !placed_i || all ? 4'd8 : none ? 4'd0 : {1'b0, eighths_q[2:0]};
         if (judges_q) few_q <= !has_few ? '0 : stands_o ? few_q : few_q + 1'b1;
         if (rst_i) begin
             settled_q <= 1'b1;

@@ -9,8 +9,8 @@
 // trusted.
 //
 // `residual_i` is that of the place that has become the best (`became_i`). `update_i` begins when the
-// match stands; `trust_o` and `trusted_o` are registered at the eighth clock edge behind it, and
-// the ninth, and stay.
+// match stands; `trust_o` and `trusted_o` are registered at the eleventh clock edge behind it, and
+// the twelfth, and stay.
 module vpr_trust #(
     localparam int         STEPS       = vpr_pkg::STEPS,
     localparam logic [8:0] TRUST       = vpr_pkg::TRUST,
@@ -37,12 +37,13 @@ module vpr_trust #(
     localparam int TRUST_SHIFT    = 2;
     localparam int STANDING_SHIFT = 3;
     localparam int AGE_BITS       = 4;
-    localparam int WHOLE_SHIFT    = AGE_BITS - 1;  // at 8, the age is whole
+    localparam int WHOLE_AT       = AGE_BITS - 1;  // this bit says that the age is 8, and whole
+    localparam int PHASES         = 6 + AGE_BITS;
     // steps to compare: wide enough for the longest as well
     localparam int BITS           = (PLACE_BITS > 5 ? PLACE_BITS : 5) + 1;
     localparam logic [4:0] LONGEST = 5'(STEPS - 1);
 
-    logic [6:0]                    phase_q;
+    logic [PHASES-1:0]             phase_q;
     logic                          placed_q, beyond_q, stays_q, falls_q;
     // as they are subtracted: the place of the match before, and the margin
     logic [BITS-1:0]               lowest_inverse_q;
@@ -54,6 +55,9 @@ module vpr_trust #(
     logic [TRUST_BITS-1:0]         moves_q;
     logic [AGE_BITS-1:0]           age_q;
     logic [TRUST_BITS-1:0]         whole_q;  // trust in a path of that age
+    // their product, a bit of the age a clock: halves of eighths, as each bit halves what came before
+    logic [AGE_BITS-1:0]           ages_q;
+    logic [TRUST_BITS:0]           aged_q;
     // of this match, of the two before, the larger of these, and the largest of all
     logic [MARGIN_BITS-1:0]        newest_q, former_q, earlier_q, larger_q, worst_q;
 
@@ -62,14 +66,16 @@ module vpr_trust #(
     wire signed [TRUST_BITS:0] moved = difference_q >>> TRUST_SHIFT;
     wire signed [TRUST_BITS:0] more  = moved + $signed({1'b0, fall});
     wire [TRUST_BITS:0]        lacking = {1'b0, trust_o} - (TRUST_BITS + 1)'(TRUST);
-    wire [TRUST_BITS+AGE_BITS-1:0] aged =
-        (TRUST_BITS + AGE_BITS)'(whole_q) * (TRUST_BITS + AGE_BITS)'(age_q);
+    wire [TRUST_BITS+1:0]      aged =
+        {1'b0, aged_q} + {1'b0, whole_q & {TRUST_BITS{ages_q[0]}}, 1'b0};
     // the carry says that the support is not below the residual
     wire [MARGIN_BITS:0]       left =
         {1'b1, support_q[TRUST_BITS-1:FRACTION]} - {1'b0, worst_q};
 
+    assign trust_o = aged_q[TRUST_BITS-1:0];
+
     always_ff @(posedge clk_i) begin
-        phase_q      <= {phase_q[5:0], update_i};
+        phase_q      <= {phase_q[PHASES-2:0], update_i};
         margin_inverse_q <= best_sum_i + ~second_sum_i;
         if (!has_second_i) margin_inverse_q <= '0;
         limited_inverse_q <= &margin_inverse_q[METRIC_BITS-1:MARGIN_BITS]
@@ -85,7 +91,7 @@ module vpr_trust #(
             if (!placed_q || beyond_q) begin
                 support_q <= '0;
                 age_q     <= '0;
-            end else if (!age_q[WHOLE_SHIFT]) age_q <= age_q + 1'b1;
+            end else if (!age_q[WHOLE_AT]) age_q <= age_q + 1'b1;
         end
         larger_q     <= former_q > earlier_q ? former_q : earlier_q;
         worst_q      <= newest_q > larger_q ? newest_q : larger_q;
@@ -99,10 +105,14 @@ module vpr_trust #(
         if (phase_q[5]) begin
             whole_q   <= left[MARGIN_BITS]
                 ? {left[MARGIN_BITS-1:0], support_q[FRACTION-1:0]} : '0;
+            ages_q    <= age_q;
+            aged_q    <= '0;
             former_q  <= newest_q;
             earlier_q <= former_q;
+        end else if (|phase_q[PHASES-1:6]) begin
+            ages_q <= ages_q >> 1;
+            aged_q <= aged[TRUST_BITS+1:1];
         end
-        if (phase_q[6]) trust_o <= TRUST_BITS'(aged >> WHOLE_SHIFT);
         trusted_o <= !lacking[TRUST_BITS];
         if (rst_i) begin
             phase_q   <= '0;
@@ -112,5 +122,5 @@ module vpr_trust #(
         end
     end
 
-    wire unused = &{1'b0, moved[TRUST_BITS], more, lacking, aged};
+    wire unused = &{1'b0, moved[TRUST_BITS], more, lacking, aged[0]};
 endmodule

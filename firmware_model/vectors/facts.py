@@ -31,13 +31,22 @@ from firmware_model.specification import (
     Kept,
     Machine,
     MatchResult,
+    Rows,
+    add,
+    best,
     change_gain,
     differences_of,
+    evidence,
     ilog,
     is_pause,
     mean_shift,
+    move,
     row_of,
+    see,
+    state_after,
+    steps_of,
     sums_of,
+    trust,
     window_mean,
 )
 from fixedpoint.activity import BANK_COSTS, GAINS, PAUSE_SHIFT, SAME_ROW, SUMS
@@ -133,9 +142,12 @@ SEVERAL_GAINS = {
     **{f"gain_{h}": f"a match of gain {gain}/16 octave" for h, gain in enumerate(GAINS)},
     "gain_tie": "a match whose best place has its metric with two gains",
     "gain_changed": "a match that follows with another gain",
-    "change_pays": "a metric that a change to the next gain lowers",
-    "change_by_two_pays": "a metric that a change by two gains or more lowers",
-    "change_up_and_down": "a window in which changes to higher and to lower gains lower metrics",
+    **{
+        f"change_{which}_decides": f"a match that would be another had there been no change {what}"
+        for which, what in (
+            ("up", "to a higher gain"), ("down", "to a lower one"), ("by_one", "by one gain"),
+        )
+    },
     **{f"sum_{n}": f"a match by the sum of {n} windows" for n in SUMS},
     "three_sums": "a window in which gains look at all three sums",
     "sum_forgotten": "a window in which a sum is looked at no more",
@@ -189,6 +201,7 @@ class Facts:
         self._residuals = (0, 0, 0)  # of the last matches, the newest first
         self._paused = False
         self._told = -1
+        self._without: dict[str, Filter | None] = {}
 
     def see_window(self) -> None:
         """Count the facts of a window, before it is matched and its counters are cleared."""
@@ -373,21 +386,7 @@ class Facts:
         of_best = [row[best.place] for row in advanced.state.metrics]
         found["gain_tie"] += of_best.count(min(of_best)) > 1
         found["gain_changed"] += advanced.trust.age > 0 and best.gain != before.gain
-        least = min(map(min, before.metrics))
-        up = down = False
-        changed = change_gain(before.metrics)
-        for k in range(len(known.activity)):
-            own = [row[k] - least for row in before.metrics]
-            for h, row in enumerate(changed):
-                if row[k] == own[h] or before.place is None:
-                    continue
-                far = min(
-                    abs(h - g) for g in range(len(own)) if own[g] + GAIN_STEP * abs(h - g) == row[k]
-                )  # fmt: skip
-                found["change_pays" if far == 1 else "change_by_two_pays"] += 1
-                up |= any(own[g] + GAIN_STEP * (h - g) == row[k] for g in range(h))
-                down |= any(own[g] + GAIN_STEP * (g - h) == row[k] for g in range(h + 1, len(own)))
-        found["change_up_and_down"] += up and down
+        self._see_changes(known, advanced)
         if not seen.paused:
             found[f"sum_{SUMS[seen.looks[best.gain]]}"] += 1
             found["three_sums"] += len(set(seen.looks)) == len(SUMS)
@@ -404,6 +403,22 @@ class Facts:
         map_log = ilog(self.machine.memories.activity >> ACTIVITY_FRACTION_BITS)
         running = ilog(self._kept.mean_activity >> ACTIVITY_FRACTION_BITS)
         found["mean_apart"] += abs(map_log - running) >= 16
+
+    def _see_changes(self, known: FilterMap, advanced: Advanced) -> None:
+        """Match on and on without some changes of gain, until a match is another one."""
+        told = (advanced.best.told, advanced.best.found, advanced.trust.trust)
+        state = self.machine.states[-1]
+        for name, left_out in _CHANGES.items():
+            before = self._without.get(name, Filter([[0] * len(known.activity)] * len(known.gains)))
+            if before is None:
+                continue
+            other = _advance_without(
+                known, before, state.activity, state.paused, self.machine.compared, left_out
+            )
+            self._without[name] = other.state
+            if (other.best.told, other.best.found, other.trust.trust) != told:
+                self.found[name] += 1
+                self._without[name] = None
 
     def _see_means(self) -> None:
         found, kept, design = self.found, self._kept, self.machine.design
@@ -437,6 +452,39 @@ class Facts:
                 found["mean_rises_by_part"] += part and left > 0
         if not paused:
             found[f"mean_shift_{shift}"] += 1
+
+
+#: changes of gain, as differences of its index, by the fact that says that they decide
+_CHANGES = {
+    "change_up_decides": {1, 2, 3, 4, 5, 6},
+    "change_down_decides": {-1, -2, -3, -4, -5, -6},
+    "change_by_one_decides": {-1, 1},
+}
+
+
+def _advance_without(
+    known: FilterMap, state: Filter, activity: int, paused: bool, distances: Rows,
+    left_out: set[int],
+) -> Advanced:  # fmt: skip
+    """Advance a filter that never changes its gain by some differences of the index."""
+    gains, seen = range(len(known.gains)), see(known, state, activity, paused)
+    against = evidence(known, state, seen, distances)
+    predicted = [[0] * len(known.activity) for _ in gains]
+    if state.place is not None:
+        least = min(map(min, state.metrics))
+        for h in gains:
+            others = [g for g in gains if h - g not in left_out]
+            changed = [
+                min(state.metrics[g][k] - least + GAIN_STEP * abs(h - g) for g in others)
+                for k in range(len(known.activity))
+            ]
+            predicted[h] = move(changed, steps_of(known, seen, known.gains[h]), known.restart)
+    metrics = add(predicted, against, seen.looks)
+    found = best(known, metrics)
+    follows = state.place is not None and 0 <= found.place - state.place <= known.last
+    judged = trust(state, found, against.against[seen.looks[found.gain]][found.place], follows)
+    after = state_after(state, seen, against, metrics, found, judged)
+    return Advanced(after, seen, predicted, against, found, judged)
 
 
 _OF_RESIDUALS = (

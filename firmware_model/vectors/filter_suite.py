@@ -139,6 +139,8 @@ def _rates(
     """Draw the mean counts of each place: those of near places differ little."""
     ends = design.places + 8
     drawn = rng.gamma(0.5, 1.0, (ends, design.slots))
+    if rng.random() < 0.7:  # a few pixels have all events, so that counts are large
+        drawn[:, rng.permutation(design.slots)[ENOUGH_PIXELS:]] = 0
     smooth = int(rng.choice([1, 2, 3]))
     rates = sum(drawn[i : i + design.places] for i in range(smooth)) / smooth
     rates *= 2.0 ** rng.normal(0, rng.choice([0.2, 1.0]), (design.places, 1))
@@ -294,6 +296,19 @@ def _logarithms(name: str, design: Design, rng: np.random.Generator, drawn: int)
     return stream.case(name, codes, activity=start, place_activity=[own] * design.places)
 
 
+def _sums(name: str, design: Design, rng: np.random.Generator, drawn: int) -> Case:
+    """Draw places that are not alike, and windows of so few events that gains look at all sums."""
+    design = replace(design, window="time", places=int(rng.choice([6, 9])), restart=30)
+    stream, events = Stream(design), int(rng.integers(10, 60))
+    for _ in range(30):
+        stream.fill(_spread(int(events * 2 ** rng.normal(0, 0.4)) + 1, design, rng))
+    stream.close()
+    shown = stream.shown_codes(None)
+    codes = [shown[int(rng.integers(len(shown)))] for _ in range(design.places)]
+    activity = int(events * 2 ** rng.uniform(0.5, 2)) << ACTIVITY_FRACTION_BITS
+    return stream.case(name, codes, activity=activity)
+
+
 # Distances: wide ones, small spreads, many places.
 
 
@@ -447,6 +462,7 @@ def _halves(name: str, design: Design, rng: np.random.Generator, drawn: int) -> 
 _KINDS: dict[str, Draw] = {
     "drive": _drive,
     "numbers": _numbers,
+    "sums": _sums,
     "logarithm": _logarithms,
     "wide": _wide,
     "near": _near,
@@ -460,6 +476,7 @@ _KINDS: dict[str, Draw] = {
 #: kinds that are made for some facts alone
 _AIMED: dict[str, set[str]] = {
     "logarithm": {f"logarithm_{n}{which}" for n in range(16) for which in ("", "_below")},
+    "sums": {f"change_{which}_decides" for which in ("up", "down", "by_one")},
     "many": {"ties_above_255"},
     "long": {"mean_shift_7", "mean_shift_8", "window_above_1023", "speed_saturated"},
     "busy": {"events_above_16_bits"},

@@ -120,6 +120,7 @@ def main(words: Sequence[str] | None = None) -> None:
     with tempfile.TemporaryDirectory() as name, ThreadPoolExecutor(os.cpu_count()) as threads:
         vectors = Path(name) / "vectors"
         cases = [*corner_cases(DESIGN), *filter_cases(FILTER), *large_cases(FILTER)]
+        cases += filter_cases(replace(FILTER, gains=7))
         vectors.write_bytes(bundle(image_cases(), cases, long_windows(FILTER)))
         if not survives(vectors, None):
             parser.error("the firmware itself fails the vectors")

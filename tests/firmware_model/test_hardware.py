@@ -257,7 +257,7 @@ def filter_cycles(design, slow_blocks=False):
     distances = (design.places - 1) * max(design.words, 2) + levels
     metrics = 2 * design.places - 4
     # the middle of the places that may be told takes longer than the trust
-    around = (28 if design.places_per_window == 2 else 24) + design.steps.bit_length()
+    around = (29 if design.places_per_window == 2 else 28) + design.steps.bit_length()
     # the metrics wait for the activity, which takes longer than the mean of small maps
     encoded = cost.encoding_cycles(design) + steps_to_a_code(design)
     mean = max(encoded + distances + 7, SETTLING)
