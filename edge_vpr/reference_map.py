@@ -105,7 +105,7 @@ class ReferenceMap(MapRecord):
     >>> route
     ReferenceMap(12 places, 50 pixels of 32x32, 3 bits a counter)
     >>> route.match(tuesday).matches.place.tolist()
-    [0, 1, 2, 3, 5, 6, 9, 10]
+    [0, 1, 1, 3, 4, 6, 9, 10]
 
     `build` makes a map of a recording, `match` finds the places of another recording, and
     `localiser` follows events while they come. Two maps are equal if all their data are.

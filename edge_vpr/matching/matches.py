@@ -69,7 +69,7 @@ class Matches(EqualByValue):
     >>> monday, tuesday = simulate_pair(0, "tiny", length_m=40)
     >>> matches = ReferenceMap.build(monday, pixels=50).match(tuesday).matches
     >>> matches.place[:3].tolist(), matches.time_s[:3].tolist()
-    ([0, 1, 2], [0.5, 1.5, 2.5])
+    ([0, 1, 1], [0.5, 1.5, 2.5])
 
     With the place filter, the two distances are metrics of the filter, and L = 1.
 

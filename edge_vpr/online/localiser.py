@@ -62,7 +62,7 @@ class Localiser:
     >>> localiser = ReferenceMap.build(monday, pixels=50).localiser("window")
     >>> places = [int(match["place"]) for events in tuesday for match in localiser.update(events)]
     >>> tuple(places[-3:]), localiser
-    ((6, 8, 10), Localiser(12 places, at 8.57585 s))
+    ((6, 6, 11), Localiser(12 places, at 8.57585 s))
 
     It holds the counters of the newest L consecutive windows (`SlidingWindows`), and the distances
     of this sequence to all places. An event changes each distance by a few steps of +-1, so that

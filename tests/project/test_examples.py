@@ -299,7 +299,7 @@ def test_a_map_is_put_into_the_flash_of_a_board_alone(street, tmp_path, capsys):
     reference = ReferenceMap.load(street / "map.npz")
     memories = memories_of(reference, design_of(reference))
     flash, ram = image(memories), ram_bytes(memories.design)
-    said = f"{len(flash):,} bytes of flash at 0x08048010; {ram + 196:,} bytes of RAM: {ram:,} for"
+    said = f"{len(flash):,} bytes of flash at 0x08048010; {ram + 252:,} bytes of RAM: {ram:,} for"
     assert said in capsys.readouterr().out
     # as a programmer reads the file
     board, upper = Emulator(EMULATED[1], build(EMULATED[1], tmp_path)), 0
