@@ -8,6 +8,7 @@ from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 from importlib.metadata import version
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -312,10 +313,20 @@ def write_suites(
         Add the hardware core's sources and testbench, and add the core's parameters to each case.
     on_case : callable, optional
         Called with the name of each case before it is computed.
+
+    Raises
+    ------
+    VectorError
+        If the folder is not empty.
+    DesignError
+        If the hardware core does not follow a case's design.
     """
     folder = Path(folder)
     if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
         raise VectorError(f"{folder} is not an empty folder: name a new one")
+    if rtl:  # a design that the core does not follow is refused before anything is written
+        for case in chain.from_iterable(suites.values()):
+            package(case.design)
     folder.mkdir(parents=True, exist_ok=True)
     design.save(folder / "design.toml")
     (folder / README).write_text(_README, encoding="ascii")
