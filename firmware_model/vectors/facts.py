@@ -33,6 +33,7 @@ from firmware_model.specification import (
     MatchResult,
     Rows,
     add,
+    advance,
     best,
     change_gain,
     differences_of,
@@ -66,8 +67,8 @@ FILTER = {
     "busy_at_threshold": "no pause, and would be one with a mean activity higher by 1/256 event",
     "scale_over_pause": "a window behind a pause that is scaled by the spread before the pause",
     **{f"weight_{n}": f"a window whose evidence has {n}/8 of its weight" for n in range(9)},
-    "few_at_threshold": "a window that has few events, and would not with 1/16 octave more",
-    "enough_at_threshold": "a window that has not few events, and would with 1/16 octave less",
+    "few_at_threshold": "a window in which the robot stands, and would not with 1/16 octave more",
+    "enough_at_threshold": "a window in which it does not stand, and would with 1/16 octave less",
     "few_forgotten": "a window that ends a row of one or two with few events",
     "standing_begins": "a window with which the robot stands",
     "standing_goes_on": "a window in which the robot still stands",
@@ -84,7 +85,7 @@ FILTER = {
     "largest_place_activity": "a place of the largest activity there is",
     **{
         f"logarithm_{n}{which}": f"a mean number of 18 bits or more {what} of part {n} of an "
-        "octave, with an activity where a part more or less is another row"
+        "octave, where a part less or more is another match"
         for n in range(16)
         for which, what in (("", "that is the least"), ("_below", "one below the least"))
     },
@@ -278,15 +279,15 @@ class Facts:
         number = mean >> ACTIVITY_FRACTION_BITS
         if before.place is None or seen.stands or number < 1 << 17:
             return
-        log = ilog(number)
-        for own in set(known.activity):
-            row, part = divmod(seen.activity - own + 4, 8)
-            if not -SAME_ROW < row < len(known.costs) - SAME_ROW - 1 or not known.last > 0:
-                continue
-            if log > ilog(number - 1) and part == 7:
-                self.found[f"logarithm_{log % 16}"] += 1
-            if log < ilog(number + 1) and part == 0:
-                self.found[f"logarithm_{(log + 1) % 16}_below"] += 1
+        log, state = ilog(number), self.machine.states[-1]
+        for name, is_edge, other in (
+            (f"logarithm_{log % 16}", log > ilog(number - 1), 1),
+            (f"logarithm_{(log + 1) % 16}_below", log < ilog(number + 1), -1),
+        ):
+            if is_edge:
+                activity = state.activity + other
+                found = advance(known, before, activity, state.paused, self.machine.compared)
+                self.found[name] += found.best != advanced.best
 
     def _see_metrics(self, known: FilterMap, before: Filter, advanced: Advanced) -> None:
         found, seen, first = self.found, advanced.seen, before.place is None
@@ -500,7 +501,11 @@ def _events_facts(known: FilterMap, before: Filter, advanced: Advanced) -> Itera
     if before.place is not None and not seen.paused:
         surplus = seen.activity - known.activity[before.place] - min(known.gains[before.gain], 0)
         if surplus in (-49, -48):
-            yield "few_at_threshold" if surplus == -49 else "enough_at_threshold"
+            # a window more or less with few events, and the robot would not or would stand
+            if surplus == -49 and seen.stands:
+                yield "few_at_threshold"
+            elif surplus == -48 and before.few >= PATIENCE:
+                yield "enough_at_threshold"
     if seen.few == 0 < before.few <= PATIENCE:
         yield "few_forgotten"
     if seen.stands:
