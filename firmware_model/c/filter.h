@@ -35,6 +35,7 @@
 #define PATIENCE 2U       /* after more such windows in a row, the robot stands */
 #define GAIN_LOWEST (-32) /* the seven are half an octave apart */
 #define GAIN_SHIFT 3U
+#define GAIN_TOP 6U
 #define GAIN_SAME 4U /* that of the reference, the only one of one */
 #define GAIN_CHANGE 24U
 #define LANES 8U /* of seven gains, with the least */
@@ -458,7 +459,7 @@ static uint32_t best(const vpr_design_t *d, vpr_state_t *s, vpr_match_t *m)
     s->gain = GAIN_SAME;
     if (d->gains > 1U) {
         s->gain = 0U;
-        while (s->metric[(place << LANES_SHIFT) + s->gain] != least) {
+        while ((s->gain < GAIN_TOP) && (s->metric[(place << LANES_SHIFT) + s->gain] != least)) {
             s->gain++;
         }
     }

@@ -6,7 +6,8 @@ Facts are computed from what the model keeps and returns, not from how a case wa
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from typing import NamedTuple
 
 from firmware_model.design import (
     ACTIVITY_FRACTION_BITS,
@@ -33,6 +34,7 @@ from firmware_model.specification import (
     MatchResult,
     Rows,
     add,
+    advance,
     best,
     change_gain,
     differences_of,
@@ -47,6 +49,7 @@ from firmware_model.specification import (
     steps_of,
     sums_of,
     trust,
+    which_sum,
     window_mean,
 )
 from fixedpoint.activity import BANK_COSTS, GAINS, PAUSE_SHIFT, SAME_ROW, SUMS
@@ -66,8 +69,8 @@ FILTER = {
     "busy_at_threshold": "no pause, and would be one with a mean activity higher by 1/256 event",
     "scale_over_pause": "a window behind a pause that is scaled by the spread before the pause",
     **{f"weight_{n}": f"a window whose evidence has {n}/8 of its weight" for n in range(9)},
-    "few_at_threshold": "a window that has few events, and would not with 1/16 octave more",
-    "enough_at_threshold": "a window that has not few events, and would with 1/16 octave less",
+    "few_at_threshold": "a window in which the robot stands, and would not with 1/16 octave more",
+    "enough_at_threshold": "a window in which it does not stand, and would with 1/16 octave less",
     "few_forgotten": "a window that ends a row of one or two with few events",
     "standing_begins": "a window with which the robot stands",
     "standing_goes_on": "a window in which the robot still stands",
@@ -84,7 +87,7 @@ FILTER = {
     "largest_place_activity": "a place of the largest activity there is",
     **{
         f"logarithm_{n}{which}": f"a mean number of 18 bits or more {what} of part {n} of an "
-        "octave, with an activity where a part more or less is another row"
+        "octave, where a part less or more is another match"
         for n in range(16)
         for which, what in (("", "that is the least"), ("_below", "one below the least"))
     },
@@ -152,6 +155,9 @@ SEVERAL_GAINS = {
     "three_sums": "a window in which gains look at all three sums",
     "sum_forgotten": "a window in which a sum is looked at no more",
     "sum_returns": "a window in which a sum is looked at again",
+    "forgetting_decides": "a match that would be another had a sum not been forgotten",
+    "slowness_decides": "a match that would be another had the mean speed moved by 1/32 at least",
+    "low_gains_decide": "a match that would be another had no low gain become the next lower one",
     **{f"speed_shift_{n}": f"a mean speed that moves by 1/{1 << n}" for n in range(7)},
     "speed_saturated": "a mean speed that moves after 63 windows",
     "speed_below_nothing": "a negative mean speed that does not move by whole parts of an octave",
@@ -201,7 +207,7 @@ class Facts:
         self._residuals = (0, 0, 0)  # of the last matches, the newest first
         self._paused = False
         self._told = -1
-        self._without: dict[str, Filter | None] = {}
+        self._others: dict[str, Filter | None] = {}
 
     def see_window(self) -> None:
         """Count the facts of a window, before it is matched and its counters are cleared."""
@@ -278,15 +284,15 @@ class Facts:
         number = mean >> ACTIVITY_FRACTION_BITS
         if before.place is None or seen.stands or number < 1 << 17:
             return
-        log = ilog(number)
-        for own in set(known.activity):
-            row, part = divmod(seen.activity - own + 4, 8)
-            if not -SAME_ROW < row < len(known.costs) - SAME_ROW - 1 or not known.last > 0:
-                continue
-            if log > ilog(number - 1) and part == 7:
-                self.found[f"logarithm_{log % 16}"] += 1
-            if log < ilog(number + 1) and part == 0:
-                self.found[f"logarithm_{(log + 1) % 16}_below"] += 1
+        log, state = ilog(number), self.machine.states[-1]
+        for name, is_edge, other in (
+            (f"logarithm_{log % 16}", log > ilog(number - 1), 1),
+            (f"logarithm_{(log + 1) % 16}_below", log < ilog(number + 1), -1),
+        ):
+            if is_edge:
+                activity = state.activity + other
+                found = advance(known, before, activity, state.paused, self.machine.compared)
+                self.found[name] += found.best != advanced.best
 
     def _see_metrics(self, known: FilterMap, before: Filter, advanced: Advanced) -> None:
         found, seen, first = self.found, advanced.seen, before.place is None
@@ -386,7 +392,7 @@ class Facts:
         of_best = [row[best.place] for row in advanced.state.metrics]
         found["gain_tie"] += of_best.count(min(of_best)) > 1
         found["gain_changed"] += advanced.trust.age > 0 and best.gain != before.gain
-        self._see_changes(known, advanced)
+        self._see_others(known, advanced)
         if not seen.paused:
             found[f"sum_{SUMS[seen.looks[best.gain]]}"] += 1
             found["three_sums"] += len(set(seen.looks)) == len(SUMS)
@@ -404,21 +410,20 @@ class Facts:
         running = ilog(self._kept.mean_activity >> ACTIVITY_FRACTION_BITS)
         found["mean_apart"] += abs(map_log - running) >= 16
 
-    def _see_changes(self, known: FilterMap, advanced: Advanced) -> None:
-        """Match on and on without some changes of gain, until a match is another one."""
+    def _see_others(self, known: FilterMap, advanced: Advanced) -> None:
+        """Match on and on by a filter without a rule, until a match is another one."""
         told = (advanced.best.told, advanced.best.found, advanced.trust.trust)
-        state = self.machine.states[-1]
-        for name, left_out in _CHANGES.items():
-            before = self._without.get(name, Filter([[0] * len(known.activity)] * len(known.gains)))
-            if before is None:
+        window = self.machine.states[-1]
+        for name, rule in _OTHER_FILTERS.items():
+            state = self._others.get(name, Filter([[0] * len(known.activity)] * len(known.gains)))
+            if state is None:
                 continue
             other = _advance_without(
-                known, before, state.activity, state.paused, self.machine.compared, left_out
+                known, state, window.activity, window.paused, self.machine.compared, rule
             )
-            self._without[name] = other.state
-            if (other.best.told, other.best.found, other.trust.trust) != told:
-                self.found[name] += 1
-                self._without[name] = None
+            differs = (other.best.told, other.best.found, other.trust.trust) != told
+            self.found[name] += differs
+            self._others[name] = None if differs else other.state
 
     def _see_means(self) -> None:
         found, kept, design = self.found, self._kept, self.machine.design
@@ -454,26 +459,45 @@ class Facts:
             found[f"mean_shift_{shift}"] += 1
 
 
-#: changes of gain, as differences of its index, by the fact that says that they decide
-_CHANGES = {
-    "change_up_decides": {1, 2, 3, 4, 5, 6},
-    "change_down_decides": {-1, -2, -3, -4, -5, -6},
-    "change_by_one_decides": {-1, 1},
+class _Rule(NamedTuple):
+    """What another filter does otherwise, to show that it matters."""
+
+    #: gains, by their indices before and after, to which there is no change
+    no_change: Callable[[int, int], bool] = lambda before, after: False
+    keeps_reciprocals: bool = False
+    most_shift: int = 6  #: Of the mean speed.
+
+
+#: by the fact that says that their rule decides
+_OTHER_FILTERS = {
+    "change_up_decides": _Rule(lambda before, after: after > before),
+    "change_down_decides": _Rule(lambda before, after: after < before),
+    "change_by_one_decides": _Rule(lambda before, after: abs(after - before) == 1),
+    "low_gains_decide": _Rule(lambda before, after: after < before and after < 4),
+    "forgetting_decides": _Rule(keeps_reciprocals=True),
+    "slowness_decides": _Rule(most_shift=5),
 }
 
 
 def _advance_without(
-    known: FilterMap, state: Filter, activity: int, paused: bool, distances: Rows,
-    left_out: set[int],
-) -> Advanced:  # fmt: skip
-    """Advance a filter that never changes its gain by some differences of the index."""
+    known: FilterMap, state: Filter, activity: int, paused: bool, distances: Rows, rule: _Rule
+) -> Advanced:
+    """Advance another filter."""
     gains, seen = range(len(known.gains)), see(known, state, activity, paused)
+    if seen.few == 0:
+        shift = min((1 + state.moved).bit_length() - 1, rule.most_shift)
+        speed = state.speed + ((16 * activity - state.speed) >> shift)
+        looks = [which_sum(speed, gain) for gain in known.gains]
+        seen = seen._replace(speed=speed, looks=looks)
     against = evidence(known, state, seen, distances)
+    if rule.keeps_reciprocals:
+        pairs = zip(against.reciprocals, state.reciprocals, strict=True)
+        against = against._replace(reciprocals=[new or old for new, old in pairs])
     predicted = [[0] * len(known.activity) for _ in gains]
     if state.place is not None:
         least = min(map(min, state.metrics))
         for h in gains:
-            others = [g for g in gains if h - g not in left_out]
+            others = [g for g in gains if not rule.no_change(g, h)]
             changed = [
                 min(state.metrics[g][k] - least + GAIN_STEP * abs(h - g) for g in others)
                 for k in range(len(known.activity))
@@ -500,7 +524,11 @@ def _events_facts(known: FilterMap, before: Filter, advanced: Advanced) -> Itera
     if before.place is not None and not seen.paused:
         surplus = seen.activity - known.activity[before.place] - min(known.gains[before.gain], 0)
         if surplus in (-49, -48):
-            yield "few_at_threshold" if surplus == -49 else "enough_at_threshold"
+            # a window more or less with few events, and the robot would not or would stand
+            if surplus == -49 and seen.stands:
+                yield "few_at_threshold"
+            elif surplus == -48 and before.few >= PATIENCE:
+                yield "enough_at_threshold"
     if seen.few == 0 < before.few <= PATIENCE:
         yield "few_forgotten"
     if seen.stands:

@@ -15,18 +15,18 @@ import numpy as np
 
 from firmware_model.design import ACTIVITY_FRACTION_BITS, LARGEST_SUM, LEVEL_TOP, LEVELS, Design
 from firmware_model.errors import VectorError
-from firmware_model.specification import ilog, mean_activity_after
+from firmware_model.specification import gains_of, ilog, mean_activity_after
 from firmware_model.specification_drive import bias_of, typical_distances
 from firmware_model.vectors.case import Case, Stream
 from firmware_model.vectors.coverage import coverage
-from firmware_model.vectors.facts import facts_for
+from firmware_model.vectors.facts import SEVERAL_GAINS, facts_for
 from fixedpoint.activity import EVENTS_TOP, PARTS
 from fixedpoint.own_mean import FIRST_SHIFT, LAST_SHIFT
 
 #: pixels of which a design must have so many to show every fact
 ENOUGH_PIXELS = 8
 #: cases that are drawn of each kind before a fact is given up, and of fewer pixels
-MOST_DRAWS, FEW_DRAWS = 200, 40
+MOST_DRAWS, FEW_DRAWS = 400, 40
 
 #: name, design, random numbers, and how many of its kind were drawn before
 Draw = Callable[[str, Design, np.random.Generator, int], Case]
@@ -62,7 +62,10 @@ def filter_cases(design: Design, seed: int = 0) -> list[Case]:
         if not missing & _AIMED.get(kind, missing):
             continue
         drawn = number // len(_KINDS)
-        case = draw(f"{kind}_{drawn}", _variant(design, rng), rng, drawn)
+        if kind == "logarithm":  # the next one that is missing
+            left = [at for at, name in enumerate(_LOGARITHMS) if name in missing]
+            drawn = left[drawn % len(left)]
+        case = draw(f"{kind}_{number // len(_KINDS)}", _variant(design, rng), rng, drawn)
         seen = {name for name, times in coverage(case).items() if times}
         if missing & seen:
             chosen.append(case)
@@ -230,12 +233,19 @@ def _numbers(name: str, design: Design, rng: np.random.Generator, drawn: int) ->
     threshold = rng.random() < 0.4
     if threshold:
         activity = mean = (first << ACTIVITY_FRACTION_BITS + 3) + int(rng.integers(2))
+    # of the gain that may be the best; and two windows with few events before one at the edge
+    gain = int(rng.choice([min(one, 0) for one in gains_of(design.gains)]))
+    edges = [-60, -60, int(rng.choice([-49, -48]))] * 5
+    many = rng.random() < 0.4
+    if many:  # of places so busy that few events are no pause
+        own = 40 - gain
     for window in range(14):
         of_mean = activity if design.gains > 1 else mean
         log = ilog(of_mean >> ACTIVITY_FRACTION_BITS)
-        surplus = int(rng.choice([-60, -49, -48, -47, *range(-57, -38), -10, 0, 20]))
+        surplus = int(rng.choice([-60, -49, -48, *range(-57, -38), -10, 0, 20]))
+        surplus = gain + (edges[window] if many else surplus)
         number = bisect_left(range(EVENTS_TOP), min(max(log + surplus + own, 0), 190), key=ilog)
-        if rng.random() < 0.15:
+        if rng.random() < 0.15 and not many:
             number = max((mean >> ACTIVITY_FRACTION_BITS + 3) + int(rng.integers(-1, 2)), 0)
         if threshold and window == 0:
             number = first
@@ -269,9 +279,9 @@ def _spread(number: int, design: Design, rng: np.random.Generator) -> list[int]:
 
 
 def _logarithms(name: str, design: Design, rng: np.random.Generator, drawn: int) -> Case:
-    """Draw a mean number of 18 bits or more at the edge of a logarithm, and windows by it."""
+    """Draw a mean number of 18 bits or more at an edge of `_LOGARITHMS`, and windows by it."""
     design = replace(design, window="time", places=4)
-    log = (18 + int(rng.integers(3))) * PARTS + drawn % PARTS
+    log = (17 + int(rng.integers(2))) * PARTS + drawn % PARTS
     edge = bisect_left(range(EVENTS_TOP), log, key=ilog)
     below = drawn // PARTS % 2
     wanted = edge - below << ACTIVITY_FRACTION_BITS
@@ -285,11 +295,11 @@ def _logarithms(name: str, design: Design, rng: np.random.Generator, drawn: int)
     if design.gains > 1:
         of_mean = ilog(start >> ACTIVITY_FRACTION_BITS)
     # the activity less that of the place is the first or the last of its row
-    row = int(rng.integers(-11, 6)) if rng.random() < 0.3 else int(rng.integers(-11, -3))
+    row = int(rng.integers(-2, 5))  # in lower rows the cheapest steps cost the same
     target = 8 * row - 4 + own + (0 if below else 7) + of_mean
     number = bisect_left(range(EVENTS_TOP), max(target, 1), key=ilog)
     stream = Stream(design)
-    for events in (1, min(number, 4000), min(number, 4000), 3):
+    for events in (1, number, number, 3):
         stream.fill(_spread(events, design, rng))
     stream.close()
     codes = rng.integers(0, design.code_max + 1, (design.places, design.slots)).tolist()
@@ -300,7 +310,7 @@ def _sums(name: str, design: Design, rng: np.random.Generator, drawn: int) -> Ca
     """Draw places that are not alike, and windows of so few events that gains look at all sums."""
     design = replace(design, window="time", places=int(rng.choice([6, 9])), restart=30)
     stream, events = Stream(design), int(rng.integers(10, 60))
-    for _ in range(30):
+    for _ in range(int(rng.choice([30, 100]))):
         stream.fill(_spread(int(events * 2 ** rng.normal(0, 0.4)) + 1, design, rng))
     stream.close()
     shown = stream.shown_codes(None)
@@ -473,10 +483,11 @@ _KINDS: dict[str, Draw] = {
     "large_means": _large_means,
     "halves": _halves,
 }
+_LOGARITHMS = [f"logarithm_{n}{which}" for which in ("", "_below") for n in range(PARTS)]
 #: kinds that are made for some facts alone
 _AIMED: dict[str, set[str]] = {
-    "logarithm": {f"logarithm_{n}{which}" for n in range(16) for which in ("", "_below")},
-    "sums": {f"change_{which}_decides" for which in ("up", "down", "by_one")},
+    "logarithm": set(_LOGARITHMS),
+    "sums": {name for name in SEVERAL_GAINS if name.endswith(("decide", "decides"))},
     "many": {"ties_above_255"},
     "long": {"mean_shift_7", "mean_shift_8", "window_above_1023", "speed_saturated"},
     "busy": {"events_above_16_bits"},

@@ -244,7 +244,8 @@ def cases_within(suites: Suites, most_bytes: float) -> dict[str, list[Case]]:
     """Choose cases whose files have about a given size, first those that reach most for theirs.
 
     What counts are the corners that the suite of a case is made for, and that no chosen case has
-    reached; where none is left, small cases are added.
+    reached; where none is left, small cases are added. The smallest random case is always kept, if
+    it fits.
 
     Parameters
     ----------
@@ -271,8 +272,14 @@ def cases_within(suites: Suites, most_bytes: float) -> dict[str, list[Case]]:
     }
     chosen: set[tuple[str, int]] = set()
     so_far: set[tuple[str, str]] = set()
+    at_random = [one for one in left if one[0] == "random"]
     while left:
-        best = max(left, key=lambda one: (len(reaches[one] - so_far) / left[one], -left[one]))
+        best = (
+            min(at_random, key=left.__getitem__)
+            if at_random
+            else max(left, key=lambda one: (len(reaches[one] - so_far) / left[one], -left[one]))
+        )
+        at_random = []
         most_bytes -= left.pop(best)
         chosen.add(best)
         so_far |= reaches[best]

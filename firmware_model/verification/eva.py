@@ -13,8 +13,6 @@ In images of `SIZES` the sizes alone are given. All tables are any bytes, and so
 the header in `FREE`: what `vpr_open` lets through is what Eva goes on with. For the look-up this
 takes two parts, because Eva does not know which words of an entry go together: no entry is of a
 pixel, and has any slots; or any is, and has slots that are counters. An event reads one entry.
-In images of `LARGE_SIZES` the loops are too long to be unrolled: the tables have any entries within
-`_ranges`, which `vpr_open` of the others is shown to demand.
 """
 
 from __future__ import annotations
@@ -42,25 +40,8 @@ _DESIGN = Design(
     width=16, height=12, pixels=9, places=12, length=3, code_bits=3
 )  # fmt: skip
 _FILTER = replace(_DESIGN, matching="filter", length=1, code="contrast")
-#: sizes of which every content of the tables is analysed
-SIZES = {
-    "sequences_by_time": _DESIGN,
-    "sequences_by_count": replace(_DESIGN, window="count"),
-    "sequences_of_one": replace(_DESIGN, length=1, exclusion=0, places=3),
-    "filter": replace(_FILTER, code="counts"),
-    "filter_of_three_places": replace(_FILTER, code="counts", places=3),
-    "contrast_by_count": replace(_FILTER, window="count"),
-    "default": replace(_FILTER, places=20),
-    "places_at_half_windows": replace(
-        _FILTER, places_per_window=2, places=20
-    ),
-}  # fmt: skip
-_LARGE = Design(
-    width=346, height=260, pixels=150, places=1000, matching="filter", code="contrast",
-    code_bits=3,
-)  # fmt: skip
-#: sizes of the designs that edge-vpr makes of a map: of 150 pixels of a DAVIS346 and 1,000 places
-LARGE_SIZES = {"large_default": _LARGE}
+#: sizes of which every content of the tables is analysed, one of each profile
+SIZES = {"sequences": _DESIGN, "default": replace(_FILTER, places=20)}
 #: words of the header that may be any; the others are sizes
 FREE = (
     Word.MAGIC, Word.VERSION, Word.BYTES, Word.CRC, Word.WIDTH, Word.WINDOW, Word.TIMESTAMP_BITS,
@@ -75,18 +56,8 @@ _OPTIONS = (
     "-eva", "-machdep", "x86_32",
     "-eva-plevel", "2000", "-eva-ilevel", "64", "-eva-split-return-function",
     ",".join([*(f"{name}:0" for name in _APART), "vpr_slot:4294967295"]),
-)  # fmt: skip
-_STATES, _OF_ALL = "-eva-slevel-function", "lookup_sound:0,event_log:64"
-_UNROLL, _DOMAINS = "-eva-auto-loop-unroll", "-eva-domains"
-_SMALL_OPTIONS = (
-    _STATES, _OF_ALL, "-eva-slevel", "64", _UNROLL, "1100",
-    _DOMAINS, "cvalue,symbolic-locations,equality",
-)  # fmt: skip
-#: the gauges know how far a pointer is in a loop over many places; each block of places is a state
-#: of its own in the passes over them
-_LARGE_OPTIONS = (
-    _STATES, f"{_OF_ALL},evidence:800",
-    "-eva-slevel", "2", _UNROLL, "24", _DOMAINS, "cvalue,symbolic-locations,equality,gauges",
+    "-eva-slevel-function", "lookup_sound:0,event_log:64", "-eva-slevel", "64",
+    "-eva-auto-loop-unroll", "1100", "-eva-domains", "cvalue,symbolic-locations,equality",
 )  # fmt: skip
 _C_TYPES = {"B": "uint8_t", "b": "int8_t", "H": "uint16_t", "I": "uint32_t", "II": "vpr_entry_t"}
 _DRIVER = """
@@ -171,7 +142,7 @@ RANGES
     const uint32_t room = vpr_ram_bytes(&design);
     //@ assert room: room == sizeof(ram);
     vpr_reset(&design, &state, (uint32_t *)(void *)&ram, ANY);
-RESET
+    check();
 
     //@ loop unroll SLOTS;
     for (uint32_t i = 0U; i < SLOTS; i++) {
@@ -199,16 +170,11 @@ RESET
 """
 
 
-def driver(design: Design, *, large: bool = False) -> str:
+def driver(design: Design) -> str:
     """Return the program that is analysed.
 
     Flash and RAM have the types that the firmware reads them by: of an array of words, Eva would
     have to take apart sets of words, and lose what they have in common.
-
-    Parameters
-    ----------
-    large : bool
-        Whether the tables have any entries within their ranges, in place of any bytes.
     """
     pixels = choose_pixels(design)
     places = [[0] * design.slots] * design.places
@@ -222,18 +188,14 @@ def driver(design: Design, *, large: bool = False) -> str:
             fields.append(f"    {_C_TYPES[table.entry]} {table.name.lower()}[{entries}];")
     header = [
         f"    flash.header[{at}] = {word}U;" for at, word in enumerate(words)
-        if large or at not in list(FREE)
+        if at not in list(FREE)
     ]  # fmt: skip
     sizes = {
         "SLOTS": design.slots, "COUNT_MAX": design.count_max, "LENGTH": design.length,
         "PLACES": design.places, "DEPTH": design.lookup_depth,
     }  # fmt: skip
-    ranges = [_range(*one, large) for one in _ranges(design)]
-    text = (
-        _DRIVER.replace("HEADER", "\n".join(header))
-        .replace("RANGES", "\n".join(ranges))
-        .replace("RESET", "" if large else "    check();")
-    )
+    ranges = [_range(*one) for one in _ranges(design)]
+    text = _DRIVER.replace("HEADER", "\n".join(header)).replace("RANGES", "\n".join(ranges))
     return "\n".join(
         [
             '#include "__fc_builtin.h"', '#include "vpr.h"',
@@ -256,17 +218,12 @@ def _ranges(design: Design) -> list[tuple[str, int, int]]:
     found = [("displacement", design.height, design.lookup_depth - 1)]
     if design.contrast:
         found += [("level", len(LEVELS), LEVEL_TOP), ("mean", design.slots, LEVEL_TOP)]
+        found.append(("limits", design.slots, design.count_max))
     return found
 
 
-def _range(name: str, entries: int, most: int, assumed: bool) -> str:
-    """Return code that gives a table any entries in its range, or that checks that it has them."""
-    if assumed:
-        return (
-            f"    //@ loop unroll {entries};\n"
-            f"    for (uint32_t i = 0U; i < {entries}U; i++) {{\n"
-            f"        flash.{name}[i] = UP_TO({most}U);\n    }}"
-        )
+def _range(name: str, entries: int, most: int) -> str:
+    """Return code that checks the range of the entries that `vpr_open` lets through."""
     return (
         f"    const uint32_t at_{name} = UP_TO({entries - 1}U);\n"
         f"    //@ assert {name}: flash.{name}[at_{name}] <= {most};"
@@ -275,7 +232,10 @@ def _range(name: str, entries: int, most: int, assumed: bool) -> str:
 
 def _ram(design: Design) -> list[str]:
     """Return the arrays that `vpr_reset` cuts the RAM into."""
-    bits = {"query": 8, "counts": 16, "history": 16, "delay": 32, "distance": 16, "mean": 32}
+    bits = {
+        "query": 8, "counts": 16, "before": 16, "history": 16, "delay": 32,
+        "metric": 32 if design.gains > 1 else 8, "distance": 16, "mean": 32,
+    }  # fmt: skip
     return [
         f"    uint{bits[name]}_t {name}[{size * 8 // bits[name]}];"
         for name, size in ram_arrays(design).items()
@@ -287,13 +247,11 @@ def _ram(design: Design) -> list[str]:
 _SECONDS = 600
 
 
-def alarms(design: Design, *, large: bool = False, sources: Path = SOURCES) -> list[str]:
+def alarms(design: Design, sources: Path = SOURCES) -> list[str]:
     """Return the alarms of Eva for images of a design, each as its line and what may happen.
 
     Parameters
     ----------
-    large : bool
-        See `driver`.
     sources : path
         Folder of the firmware.
 
@@ -306,11 +264,10 @@ def alarms(design: Design, *, large: bool = False, sources: Path = SOURCES) -> l
         raise ToolError("the analysis needs frama-c: run apt install frama-c-base")
     with tempfile.TemporaryDirectory() as folder:
         program = Path(folder) / "driver.c"
-        program.write_text(driver(design, large=large), encoding="ascii")
+        program.write_text(driver(design), encoding="ascii")
         # Frama-C knows neither _Static_assert nor _Alignas, and aligns nothing
         include = f"-cpp-extra-args=-I{sources} -D'_Alignas(n)=' -D'_Static_assert(...)='"
-        options = [*_OPTIONS, *(_LARGE_OPTIONS if large else _SMALL_OPTIONS)]
-        command = ["frama-c", *options, include, str(program), str(sources / "vpr.c")]
+        command = ["frama-c", *_OPTIONS, include, str(program), str(sources / "vpr.c")]
         limit = partial(resource.setrlimit, resource.RLIMIT_CPU, (_SECONDS, _SECONDS))
         done = subprocess.run(
             command, capture_output=True, text=True, check=False, preexec_fn=limit
@@ -334,9 +291,9 @@ def main() -> int:
     argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0]).parse_args()
     failures = 0
     try:
-        for name, design in (SIZES | LARGE_SIZES).items():
+        for name, design in SIZES.items():
             before = resource.getrusage(resource.RUSAGE_CHILDREN).ru_utime
-            found = alarms(design, large=name in LARGE_SIZES)
+            found = alarms(design)
             took = resource.getrusage(resource.RUSAGE_CHILDREN).ru_utime - before
             failures += bool(found)
             print(f"{name}: {len(found)} alarms, {took:.0f} s", *found, sep="\n    ", flush=True)

@@ -26,7 +26,8 @@ MUTANTS = {
         "if (words[i] > most) {", "if (false) {", "assertion 'level'",
     ),
     "means that move ever more slowly": (
-        "if (!s->paused && (shift < LAST_SHIFT)) {", "if (!s->paused) {", "assertion 'held'",
+        "if (!s->paused && (s->mean_shift < LAST_SHIFT)) {", "if (!s->paused) {",
+        "assertion 'held'",
     ),
 }  # fmt: skip
 
