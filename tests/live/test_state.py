@@ -238,7 +238,7 @@ def test_after_another_start_of_the_machine_a_state_says_where_and_not_when(
         late = between(events, begin_s, begin_s + 4)
         late["t"] -= late["t"][0]
         true_m = track.at(np.array([1e6 * (begin_s + 4)], dtype=np.int64))[0, 0]
-        found, (said,) = played(late, tmp_path / "run.state", path)
+        found, (said,) = played(late, tmp_path / "run.state", path, speed=4.0)
         assert said == "goes on after another start of the machine"
         assert (found[0].missing, found[-1].missing) == (1.0, 0.0)
         assert abs(found[-1].along_m - true_m) < 8.0
@@ -347,7 +347,7 @@ def test_a_state_that_cannot_be_written_is_told_once_and_ends_nothing(
     path, events, _ = street
     monkeypatch.setattr(state_module, "KEEP_S", 0.0)
     (tmp_path / "run.state").mkdir()
-    found, said = played(between(events, 0, 3), tmp_path / "run.state", path)
+    found, said = played(between(events, 0, 3), tmp_path / "run.state", path, speed=4.0)
     assert len(found) > 30
     assert sum("not kept" in text for text in said) == 1
 
