@@ -70,7 +70,7 @@ def distances_alone():
 @pytest.mark.parametrize(
     ("library", "run", "same_places", "how"),
     [
-        (OURS, ours(FILTER), True, {}),
+        (OURS, ours(FILTER), False, {}),
         ("edge-vpr, one gain", ours(ONE_GAIN), False, {}),
         ("NumPy, places alone", by_numpy(), True, {"rounds": 5}),
         ("edge-vpr, smoothed", ours(SMOOTHED), False, {}),
