@@ -283,7 +283,7 @@ def decode(host: str, sent: Sent, received: bytes, origin: Longs, piece: int = P
         newest = int(np.searchsorted(sent.begin, newest_byte[stop - 1] + 1))
         number = newest - (newest - numbers_of(events)) % PERIOD
         # random pixels are taken for an event's if that has been sent lately
-        good = (number >= 0) & (number > newest - 12_000)
+        good = (number >= 0) & (number < delivered.size) & (number > newest - 12_000)
         number = np.where(good, number, 0)
         good &= ~delivered[number]
         ahead = (events["t"] - sent.events["t"][number]) * sent.timed
