@@ -530,7 +530,13 @@ def advance(
     """Advance the filter by a window, and match it."""
     seen = see(known, state, activity, paused)
     predicted = predict(known, state, [steps_of(known, seen, gain) for gain in known.gains])
-    against = evidence(known, state, seen, distances)
+    return decide(known, state, seen, predicted, evidence(known, state, seen, distances))
+
+
+def decide(
+    known: FilterMap, state: Filter, seen: Seen, predicted: Rows, against: Evidence
+) -> Advanced:
+    """Match a window by its prediction and its evidence."""
     metrics = add(predicted, against, seen.looks)
     found = best(known, metrics)
     follows = state.place is not None and 0 <= found.place - state.place <= known.last

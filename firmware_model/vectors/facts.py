@@ -33,10 +33,9 @@ from firmware_model.specification import (
     Machine,
     MatchResult,
     Rows,
-    add,
     advance,
-    best,
     change_gain,
+    decide,
     differences_of,
     evidence,
     ilog,
@@ -45,10 +44,8 @@ from firmware_model.specification import (
     move,
     row_of,
     see,
-    state_after,
     steps_of,
     sums_of,
-    trust,
     which_sum,
     window_mean,
 )
@@ -503,12 +500,7 @@ def _advance_without(
                 for k in range(len(known.activity))
             ]
             predicted[h] = move(changed, steps_of(known, seen, known.gains[h]), known.restart)
-    metrics = add(predicted, against, seen.looks)
-    found = best(known, metrics)
-    follows = state.place is not None and 0 <= found.place - state.place <= known.last
-    judged = trust(state, found, against.against[seen.looks[found.gain]][found.place], follows)
-    after = state_after(state, seen, against, metrics, found, judged)
-    return Advanced(after, seen, predicted, against, found, judged)
+    return decide(known, state, seen, predicted, against)
 
 
 _OF_RESIDUALS = (
