@@ -632,6 +632,8 @@ def test_the_page_says_what_a_match_of_the_filter_takes():
     text = " ".join((ROOT / "docs/firmware.md").read_text(encoding="utf-8").split())
     assert f"{of_whole} times the instructions of sequences of 5" in text
     assert f"at half windows, {of_half} times" in text
+    of_gains = int(m4["gains_per_place"]) / int(m4["half_per_place"])
+    assert f"some look at a sum of windows, {of_gains:.2f} times that" in text
 
 
 def test_the_page_says_what_the_ice40_takes_besides_the_work():
