@@ -249,6 +249,48 @@ class Odometry(EqualByValue):
         shown = np.rint(np.interp(since, self.time_us, self.distance_mm)).astype(np.int64)
         return (np.maximum.accumulate(shown) - shown[0])[1:]
 
+    def beside(
+        self,
+        time_us: npt.NDArray[np.int64],
+        along_m: npt.NDArray[np.float64] | None,
+        accepted: npt.NDArray[np.bool_],
+    ) -> str:
+        """Return how far the odometer and the matches have moved, as a sentence.
+
+        Parameters
+        ----------
+        time_us : ndarray of int64, shape (m,)
+            Of the matches.
+        along_m : ndarray of float64, shape (m,), optional
+            Of the matches: metres along the route; NaN where a place has no position.
+        accepted : ndarray of bool, shape (m,)
+            Matches between whose first and last the metres are compared.
+
+        Raises
+        ------
+        UsageError
+            If no match has a time between the first reading and the last.
+        """
+        first_us, last_us = self.time_us[[0, -1]].tolist()
+        read = (first_us <= time_us) & (time_us <= last_us)
+        if not read.any():
+            raise UsageError(
+                f"odometry has readings from {first_us / 1e6:,.1f} to {last_us / 1e6:,.1f} s, and "
+                "the drive has no match there: give times in seconds from the recording's start"
+            )
+        text = f"odometry: readings at {read.sum():,} of {read.size:,} matches"
+        if along_m is None:
+            return text
+        compared = np.flatnonzero(read & accepted & np.isfinite(along_m))
+        if compared.size < 2:
+            return text
+        first, last = int(compared[0]), int(compared[-1])
+        driven = np.interp(time_us[[first, last]], self.time_us, self.distance_mm / 1e3)
+        return (
+            f"{text}; between accepted matches, "
+            f"{ratio_text(float(driven[1] - driven[0]), float(along_m[last] - along_m[first]))}"
+        )
+
     def of_windows(
         self, end_us: npt.NDArray[np.int64], spacing_mm: int = 0
     ) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64], npt.NDArray[np.bool_]]:
@@ -285,6 +327,12 @@ class Odometry(EqualByValue):
                 travelled[i], driven[i], known[i] = counted, meter.driven_mm, True
             meter.end_window()
         return travelled, driven, known
+
+
+def ratio_text(driven_m: float, route_m: float) -> str:
+    """Return metres of the odometer beside those along the route, and their ratio."""
+    ratio = f" ({driven_m / route_m:.2f})" if route_m else ""
+    return f"{driven_m:,.1f} m by the odometer, {route_m:,.1f} m along the route{ratio}"
 
 
 class Odometer:
@@ -342,48 +390,38 @@ class Odometer:
 #: A faster change is a leap: a damaged line, or an odometer that started again. Readings may come
 #: in a bunch after a pause of the line.
 LEAP_MM_PER_S, LEAST_GAP_US = 100_000, 100_000
-#: Time over which an odometer is judged; so many leaps in it are a wrong unit.
-JUDGED_US, MOST_LEAPS = 2_000_000, 3
-#: It is wrong if it shows more than 8 times the mean speed of the map's drive, or less than 1/50 of
-#: it while the camera moves: sees at least 1/4 of that drive's events. (On streets that were not
-#: used to test this, a robot that stood saw at most 1/13, and one that drove more than 1/4 for 84 %
-#: of the time.) It is used again when it shows at most twice that speed while the camera moves.
-FASTEST, SLOWEST, FEWEST, PLAUSIBLE = 8, 50, 4, 2
+#: An odometer is stuck that shows one distance for so long while as many events come as on the
+#: drive of the map.
+STUCK_US = 60_000_000
 
 
 class OdometerCheck:
-    """Detect a faulty odometer: its unit is wrong, or its encoder is stuck.
-
-    A leap adds nothing: neither a digit that was lost on the line nor an odometer that starts
-    again from zero moves the robot.
+    """Leave out readings that cannot be: leaps, and those of an odometer that is stuck.
 
     Parameters
     ----------
-    mean_mm_per_s, mean_events_per_s : int
-        Of the map's drive: its speed, and its events at the selected pixels. With 0, only
-        leaps are found.
+    mean_events_per_s : int
+        Of the map's drive, at its selected pixels. With 0, only leaps are left out.
 
     Attributes
     ----------
-    wrong : str
-        Why the odometer is not used now; empty if it is.
     leaps, unused : int
-        Readings that no robot could have driven to, and readings that were not used.
+        Readings that no robot could have driven to, and all that were left out.
     distance_mm : int
         Newest reading, without leaps.
+    stuck : bool
+        Whether the newest reading was left out because the odometer is stuck.
     """
 
-    def __init__(self, mean_mm_per_s: int = 0, mean_events_per_s: int = 0) -> None:
-        self.wrong = ""
-        self.leaps = self.unused = 0
-        self.distance_mm = 0
-        self._mean_speed, self._mean_events = mean_mm_per_s, mean_events_per_s
-        self._time_us = self._shown_mm = 0  # of the newest reading
-        # when the present period began (-1: no reading yet), and distance, events and leaps then
-        self._begin_us, self._begin_mm, self._begin_events, self._begin_leaps = -1, 0, 0, 0
+    def __init__(self, mean_events_per_s: int = 0) -> None:
+        self.leaps = self.unused = self.distance_mm = 0
+        self.stuck = False
+        self._mean_events = mean_events_per_s
+        self._time_us, self._shown_mm = -1, 0  # of the newest reading (-1: none yet)
+        self._since_us = self._since_events = 0  # when the odometer last moved, and the events then
 
     def read(self, time_us: int, shown_mm: int, events: int) -> bool:
-        """Take a reading, and return whether the odometer is to be used.
+        """Take a reading, and return whether it counts.
 
         Parameters
         ----------
@@ -394,64 +432,35 @@ class OdometerCheck:
         events : int
             At the selected pixels so far.
         """
-        if self._begin_us < 0:
-            self.distance_mm = shown_mm
-            self._begin(time_us, events)
-        else:
-            step, passed_us = shown_mm - self._shown_mm, time_us - self._time_us
-            if abs(step) * 1_000_000 <= LEAP_MM_PER_S * max(passed_us, LEAST_GAP_US):
-                self.distance_mm += step
-            else:
-                self.leaps += 1
-            self._judge(time_us, events)
+        first = self._time_us < 0
+        step = shown_mm - (self.distance_mm if first else self._shown_mm)
+        passed_us = max(time_us - self._time_us, LEAST_GAP_US)
+        leapt = not first and abs(step) * 1_000_000 > LEAP_MM_PER_S * passed_us
         self._time_us, self._shown_mm = time_us, shown_mm
-        self.unused += bool(self.wrong)
-        return not self.wrong
-
-    def _begin(self, time_us: int, events: int) -> None:
-        self._begin_us, self._begin_mm = time_us, self.distance_mm
-        self._begin_events, self._begin_leaps = events, self.leaps
-
-    def _judge(self, time_us: int, events: int) -> None:
-        leapt, passed_us = self.leaps - self._begin_leaps, time_us - self._begin_us
-        if leapt >= MOST_LEAPS:
-            self.wrong = f"{leapt} of its readings leap: send metres, not millimetres or ticks"
-        elif passed_us >= JUDGED_US and not self._mean_speed:
-            self.wrong = self.wrong if leapt else ""
-        elif passed_us >= JUDGED_US:
-            speed = abs(self.distance_mm - self._begin_mm) * 1_000_000 // passed_us
-            seen = (events - self._begin_events) * 1_000_000 // passed_us
-            if speed > FASTEST * self._mean_speed:
-                self.wrong = (
-                    f"it shows {speed / 1e3:,.0f} m/s, and the drive of the map had "
-                    f"{self._mean_speed / 1e3:.1f}: send metres"
-                )
-            elif seen * FEWEST < self._mean_events:
-                pass  # the robot may stand
-            elif speed * SLOWEST < self._mean_speed:
-                self.wrong = (
-                    f"it stands at {self._shown_mm / 1e3:,.2f} m while the camera moves: check the "
-                    "encoder"
-                )
-            elif speed <= PLAUSIBLE * self._mean_speed and not leapt:
-                self.wrong = ""
-        if passed_us >= JUDGED_US:
-            self._begin(time_us, events)
+        if first or step:
+            self._since_us, self._since_events = time_us, events
+        if leapt:
+            self.leaps += 1
+        else:
+            self.distance_mm += step
+        still_us, came = time_us - self._since_us, events - self._since_events
+        enough = came * 1_000_000 >= self._mean_events * still_us
+        self.stuck = bool(self._mean_events) and still_us >= STUCK_US and enough
+        self.unused += leapt or self.stuck
+        return not (leapt or self.stuck)
 
     def to_array(self) -> npt.NDArray[np.int64]:
-        """Return the state for `resume`, shape (12,)."""
+        """Return the state for `resume`, shape (9,)."""
         numbers = [
-            self._mean_speed, self._mean_events, bool(self.wrong), self.leaps, self.unused,
-            self.distance_mm, self._shown_mm, self._time_us,
-            self._begin_us, self._begin_mm, self._begin_events, self._begin_leaps,
+            self._mean_events, self.stuck, self.leaps, self.unused, self.distance_mm,
+            self._shown_mm, self._time_us, self._since_us, self._since_events,
         ]  # fmt: skip
         return np.array(numbers, dtype=np.int64)
 
     def resume(self, array: npt.NDArray[np.int64]) -> None:
         """Restore the state from the array of `to_array`."""
         (
-            self._mean_speed, self._mean_events, wrong, self.leaps, self.unused,
-            self.distance_mm, self._shown_mm, self._time_us,
-            self._begin_us, self._begin_mm, self._begin_events, self._begin_leaps,
+            self._mean_events, stuck, self.leaps, self.unused, self.distance_mm,
+            self._shown_mm, self._time_us, self._since_us, self._since_events,
         ) = array.tolist()  # fmt: skip
-        self.wrong = "it could not be right when the state was saved" if wrong else ""
+        self.stuck = bool(stuck)

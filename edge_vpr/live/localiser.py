@@ -157,20 +157,21 @@ class LiveLocaliser:
         Returns
         -------
         tuple of int, optional
-            That time, in microseconds, and the distance without leaps; None if the odometer cannot
-            be right, see `OdometerCheck`.
+            That time, in microseconds, and the distance without leaps; None if the reading does not
+            count, see `OdometerCheck`.
         """
         check, localiser = self.odometer_check, self._localiser
         if localiser is None:
             time_us = self.decoder.reached_us
-            check.read(time_us, distance_mm, 0)
+            counts = check.read(time_us, distance_mm, 0)
         else:
-            time_us = self._time
+            time_us, before = self._time, check.unused
             # all matches due until then have been given
             localiser.read_odometer(time_us, distance_mm / 1e3)
+            counts = check.unused == before
         health = self.decoder.health
         health.odometer_leaps, health.odometer_unused = check.leaps, check.unused
-        return None if check.wrong else (time_us, check.distance_mm)
+        return (time_us, check.distance_mm) if counts else None
 
     def to_state(self) -> tuple[Arrays, dict[str, Any]]:
         """Return what is known of the drive; matching goes on meanwhile, and changes it no more.

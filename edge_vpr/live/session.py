@@ -24,7 +24,7 @@ from edge_vpr.live.links import link_opener
 from edge_vpr.live.localiser import LiveLocaliser, LiveResult
 from edge_vpr.live.match import LiveMatch, at_age, heartbeat
 from edge_vpr.live.new_map import make_map
-from edge_vpr.live.odometer import OdometerReader
+from edge_vpr.live.odometer import DrivenAndMatched, OdometerReader
 from edge_vpr.live.position import Locator
 from edge_vpr.live.protocols import Health, ProtocolName, open_decoder
 from edge_vpr.live.reader import LinkReader
@@ -282,6 +282,7 @@ class LiveSession:
         # readings of the odometer that wait, and when each came
         self._shown: deque[tuple[float, int]] = deque(maxlen=_MOST_SHOWN)
         self._newest: LiveMatch | None = None
+        self._ratio = DrivenAndMatched()
         self._readings: dict[int, int] = {}
         self._fresh: list[tuple[int, float]] = []
 
@@ -598,7 +599,11 @@ class LiveSession:
             )  # fmt: skip
             found.append(at_age(match, age_s, self._newest_max_age_s))
             self._given, self._jumps = self._given + 1, jumps
+            if self._odometry is not None and match.along_m is not None:
+                driven_m = self._live.odometer_check.distance_mm / 1e3
+                self._ratio.match(row.time_us, driven_m, match.along_m, jumps)
         self._newest = found[-1]
+        self.health.odometer_m, self.health.route_m = self._ratio.driven_m, self._ratio.route_m
         return tuple(found)
 
     def _outdated(self, now_s: float) -> tuple[LiveMatch, ...]:
@@ -637,13 +642,23 @@ class LiveSession:
             self._read_odometer(shown_mm)
 
     def _read_odometer(self, shown_mm: int) -> None:
-        """Give a reading to the filter, and report an odometer that cannot be right."""
-        before = self._live.odometer_check.wrong
+        """Give a reading to the filter, and report the first leap and an odometer that is stuck."""
+        check = self._live.odometer_check
+        leaps, stuck = check.leaps, check.stuck
         reading = self._live.read_odometer(shown_mm)
-        wrong = self._live.odometer_check.wrong
-        if wrong and not before:
-            self._say("odometer", f"the odometer is not used: {wrong}")
-        elif before and not wrong:
+        if check.leaps > leaps == 0:
+            self._say(
+                "odometer",
+                f"the odometer leapt to {shown_mm / 1e3:,.2f} m, faster than 100 m/s: such "
+                "readings are left out; send metres",
+            )
+        if check.stuck and not stuck:
+            self._say(
+                "odometer",
+                f"the odometer has shown {shown_mm / 1e3:,.2f} m for a minute in which as many "
+                "events came as on the map's drive: going on without; check the encoder",
+            )
+        elif stuck and not check.stuck:
             self._say("odometer", "the odometer is used again", over=True)
         if reading is not None:
             time_us, distance_mm = reading

@@ -243,7 +243,7 @@ class Localiser:
         distance_m : float
             Driven metres, from any zero; it decreases when the robot drives backwards.
         checked : bool
-            Whether to ignore leaps and implausible readings (`odometer_check`). Without, the
+            Whether to leave out leaps and a stuck odometer (`odometer_check`). Without, the
             matches equal those of a recording with the same readings to the bit.
 
         Returns

@@ -334,7 +334,7 @@ class FilterRun(MatchRun):
         )
         super().__init__(reference, window, schedule, place_filter=self.place_filter)
         self.odometer = Odometer(self.place_filter.transitions.spacing_mm)
-        self.odometer_check = OdometerCheck(*_means_per_s(reference))
+        self.odometer_check = OdometerCheck(_events_per_s(reference))
         assert reference.own_mean_code is not None and reference.mean is not None
         self._code = reference.own_mean_code
         self.means = [RunningMean(reference.mean) for _ in range(self.place_filter.sums)]
@@ -422,12 +422,9 @@ class FilterRun(MatchRun):
         super().resume(arrays, now_us, floor_us)
 
 
-def _means_per_s(reference: MapRecord) -> tuple[int, int]:
-    """Return the speed of a map's drive in mm/s, and its selected events per second; 0: unknown."""
-    along_mm, windows = reference.along_mm, reference.windows
+def _events_per_s(reference: MapRecord) -> int:
+    """Return the selected events per second of a map's drive; 0 if unknown."""
+    windows = reference.windows
     passed_us = int(windows.centre_us[-1] - windows.centre_us[0])
-    if along_mm is None or passed_us <= 0:
-        return 0, 0
     events = round(float(windows.selected_events.mean()) * (len(windows) - 1))
-    way_mm = int(along_mm[-1] - along_mm[0])
-    return way_mm * 1_000_000 // passed_us, events * 1_000_000 // passed_us
+    return events * 1_000_000 // passed_us if passed_us > 0 else 0

@@ -31,7 +31,7 @@ from edge_vpr.live.recorder import ends_early
 from edge_vpr.live.session import LiveStatus, LiveStep
 from edge_vpr.live.watches import SILENT_S
 from edge_vpr.reference_map import ReferenceMap
-from edge_vpr.route import ALONG
+from edge_vpr.route import ALONG, ratio_text
 from edge_vpr_tools.console import in_flags, is_quiet, warning
 from edge_vpr_tools.publish import MatchServer
 
@@ -406,6 +406,10 @@ class View:
             certainty = list(self._certainty(newest, gone=gone))
             if certainty:
                 texts["certainty"] = ", ".join(certainty)
+            if health.odometer_m or health.route_m:
+                texts["odometer"] = (
+                    f"{ratio_text(health.odometer_m, health.route_m)} in the last minute"
+                )
         elif self._places:
             texts["place"] = f"waiting for the first match: {100 * filled:.0f} %"
         if status.lost_link:

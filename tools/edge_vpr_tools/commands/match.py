@@ -15,7 +15,6 @@ from edge_vpr_tools.console import (
     warm_up_shown,
     warn_of_bursts,
     warn_of_few_places,
-    warning,
 )
 from edge_vpr_tools.flags import (
     add_figures_flag,
@@ -147,19 +146,24 @@ def run(args: argparse.Namespace) -> None:
     queries, matches, metrics = found.queries, found.matches, found.metrics
     warn_of_bursts(found.removed, args.recording, "make the map with --bursts keep")
     warn_of_few_places(args.map, found.reference)
+    facts = []
     if odometry is not None:
-        _warn_of_other_times(args.odometry, odometry, matches)
+        along = reference.along_mm
+        along_m = None if along is None else along[matches.place] / 1e3
+        facts.append(odometry.beside(matches.time_us, along_m, matches.lost == 0))
     with results.results_folder(output, args.overwrite) as folder:
         found.write(folder, inputs)
         outcome = outcome_of(found.reference, matches)
         if not args.no_figures:
             from edge_vpr_tools.report.traverse import write_report
 
-            write_report(folder, found, outcome, formats)
+            write_report(folder, found, outcome, formats, facts=facts)
     if args.json:
         print(results.json_text({} if metrics is None else metrics))
     removed = describe_removed(found.removed, asked.settings)
     summary(f"{output}: {outcome.sentence()}")
+    for fact in facts:
+        summary(fact)
     if isinstance(metrics, OnlineMetrics):
         duration_s = metrics.times_real_time * metrics.localising_s
         summary(f"{metrics.events:,} events over {duration_s:.1f} s{removed}{faults}")
@@ -234,18 +238,6 @@ def _check_matrix(matrix: Path, inputs: list[str], args: argparse.Namespace) -> 
 
 
 # Messages on how a query fits its map.
-
-
-def _warn_of_other_times(path: str, odometry: Odometry, matches: Matches) -> None:
-    """Warn if most matches lie before the first reading of the odometer or after the last."""
-    first_us, last_us = odometry.time_us[[0, -1]].tolist()
-    read = (first_us <= matches.time_us) & (matches.time_us <= last_us)
-    if 2 * read.sum() < len(matches):
-        warning(
-            f"{path} has readings from {first_us / 1e6:,.1f} to {last_us / 1e6:,.1f} s, and only "
-            f"{read.mean():.0%} of the matches lie there: give times in seconds from the "
-            "recording's start"
-        )
 
 
 def _export_tracks(

@@ -46,6 +46,7 @@ def write_report(
     route: Route | None = None,
     warnings: Sequence[str] = (),
     tolerances: Mapping[str, Evaluation] = MappingProxyType({}),
+    facts: Sequence[str] = (),
 ) -> None:
     """Draw the figures of a results folder and write its page.
 
@@ -61,6 +62,8 @@ def write_report(
         Of the evaluation; those of matching are in the run's record.
     tolerances : mapping of str to Evaluation
         Evaluations by their tolerance, where there are several.
+    facts : sequence of str
+        Sentences about the inputs, shown below the verdict.
     """
     reference, queries = result.reference, result.queries
     matches, truth, found = outcome.matches, outcome.truth, outcome.found
@@ -75,6 +78,8 @@ def write_report(
     page.verdict(outcome.sentence())
     for text in (*(run.warnings or ()), *warnings):
         page.warning(text)
+    for text in facts:
+        page.text(f"{text[0].upper()}{text[1:]}.")
     if truth is None:
         page.text("edge-vpr evaluate adds which matches are correct, given a ground truth.")
     else:
