@@ -143,8 +143,9 @@ RUNS = [
     (f"{PROFILE} -o {{f}}/refused --sensor-name none", 2),
     ("profile compare {f}/profile/profile.json {f}/profile/profile.json --json", 0),
     # 2: the meter's three readings need not follow the load
-    ("profile trace {f}/profile/profile.json {f}/meter.csv --voltage 5 "
-     "--column time_s", (0, 2)),
+    ("profile trace {f}/profile/profile.json {f}/meter.csv --voltage 5 --time time_s:s "
+     "--current power_w:a --first-load 1", (0, 2)),
+    ("profile trace {f}/profile/profile.json {f}/meter.csv --power power_w", (0, 2)),
     ("experiment codes --data {f} --seeds 1 --workers 1 -o {f}/codes", 0),
     ("experiment codes --data {f} --seeds 1 --workers 1 --output {f}/codes", 0),
     ("experiment codes --data {f} --seeds 1 --dry-run", 0),

@@ -21,23 +21,23 @@ import numpy as np
 import pytest
 from edge_vpr_tools.cli import main
 from edge_vpr_tools.console import terminated_as_interrupted
-from edge_vpr_tools.profile import measurement
+from edge_vpr_tools.profile import measurement, show
 from edge_vpr_tools.profile.conditions import Conditions, void_because
 from edge_vpr_tools.profile.measurement import (
     Energy,
     Figures,
     Plan,
+    Readings,
     Sampler,
     Trace,
     Window,
     analyse,
     interval,
     measure,
-    paired_energy,
+    powered,
     take_turns,
-    varying_load,
 )
-from edge_vpr_tools.profile.meter_trace import _spread, align, read_meter
+from edge_vpr_tools.profile.meter_trace import Stated, ahead_s, read_meter
 from edge_vpr_tools.profile.profiling import Moments, Profile
 from edge_vpr_tools.profile.sensors import pmic
 from edge_vpr_tools.profile.sensors.hwmon import CHIPS, with_shunt
@@ -289,21 +289,22 @@ def synthetic(rng, pairs=7, noise=0.2, delta=0.5, drift=1e-4, window=10.0, repea
     ],
     ids=lambda value: str(value).strip("{}").replace(" ", "").replace("'", ""),
 )
-def test_the_interval_covers_the_truth_in_90_to_99_of_a_hundred_runs(pairs, shape):
+def test_the_interval_covers_the_truth_in_90_of_a_hundred_runs_and_not_in_all(pairs, shape):
     """500 runs of known energy with noise, drift, repeated readings and slow refresh."""
     rng = np.random.default_rng(pairs)
     covered = 0
     for run in range(500):
         windows, time_s, watts = synthetic(rng, pairs, **shape)
         trace = Trace.of_power(time_s, watts)
-        idle, load = paired_energy(trace, windows)
+        watts = [(w.load, powered(trace, w).middle_watts) for w in windows]
+        load, idle = (np.array([w for loaded, w in watts if loaded == of]) for of in (True, False))
         a_match_s = [(w.end_s - w.start_s) / w.matches for w in windows if w.load]
         found = interval((load - idle) * a_match_s)
         if run == 0:  # which is what is told
             told = analyse(trace, windows, METER).figures
             assert told.marginal_j_per_match_interval == (found.low, found.high)
         covered += found.low <= JOULES <= found.high
-    assert 450 <= covered <= 495
+    assert 450 <= covered < 500
 
 
 def test_what_is_not_there_is_not_resolved():
@@ -315,7 +316,8 @@ def test_what_is_not_there_is_not_resolved():
         found = analyse(Trace.of_power(time_s, watts), windows, METER).figures
         resolved += found.marginal_j_per_match is not None
         assert (found.marginal_j_per_match is None) == (found.matches_per_joule is None)
-    assert resolved <= 10
+    # one side of an interval that covers 92 to 98 % of the truth: 8 of 200 at most, and chance
+    assert resolved <= 14
     told = []
     for _ in range(40):
         windows, time_s, watts = synthetic(rng, noise=3.0, delta=0.5)
@@ -343,7 +345,7 @@ def slow_meter(rng, period, window, late):
 
 @pytest.mark.parametrize("late", [0.0, 0.25, 0.5])
 def test_a_slow_meter_in_quick_windows_has_the_truth_in_its_interval(late):
-    """It averages over 0.5 s, in windows of ten readings; fewer than five are refused."""
+    """It averages over 0.5 s, in windows of ten readings; fewer than eight are refused."""
     about = About("slow", "power", "whole board", 0.5)
     covered = 0
     for seed in range(40):
@@ -351,7 +353,7 @@ def test_a_slow_meter_in_quick_windows_has_the_truth_in_its_interval(late):
         found = analyse(Trace.of_power(when, watts), windows, about).figures
         low, high = found.marginal_j_per_match_interval
         covered += low <= JOULES <= high
-        assert found.idle_w_interval[0] <= 2.0
+        assert found.idle_w == pytest.approx(2.0, abs=0.01)
         per_joule = found.matches_per_joule_interval
         assert per_joule == pytest.approx((1 / high, 1 / low))
     assert covered >= 36
@@ -438,123 +440,131 @@ def test_throttling_voids_a_run(tmp_path):
     assert Conditions.now(tmp_path / "nothing") == Conditions(None, None, None, None, None)
 
 
-def test_a_meters_trace_is_aligned_by_its_steps(tmp_path):
+def test_a_meters_times_are_those_of_the_profile_by_the_stated_first_load(tmp_path):
     """A clock that is 123.4 s ahead, and columns of volts and amperes."""
     windows, time_s, watts = synthetic(np.random.default_rng(2), repeats=1)
-    time_s, watts = np.append(time_s, time_s[-1] + 60), np.append(watts, 2.0)
+    first = next(window for window in windows if window.load)
     path = tmp_path / "meter.csv"
     with path.open("w", newline="") as file:
         table = csv.writer(file)
-        table.writerow(["Time_s", "Voltage", "Current"])
+        table.writerow(["Time_s", "Voltage (V)", "Current[A]"])
         table.writerows([t + 123.4, 5.0, w / 5.0] for t, w in zip(time_s, watts, strict=True))
-    when, read, *_ = read_meter(path)
-    assert read == pytest.approx(watts)
-    assert align(windows, when, read) == pytest.approx(123.4, abs=0.15)
-    for text, says in (
-        ("a,b\n1,2\n2,3\n", "expected time_s"),
-        ("time,power\n2,1\n1,1\n", "sample 2: its time is before"),
-        ("time,power\n1,x\n2,1\n", "cannot read"),
-        ("time,power\n1,1\n", "two samples"),
-        ("Date;Watts\nyesterday;2.5\ntoday;2.5\n", "sample 1, 'yesterday,2.5'"),
-        ("time,power\n1,2\n2,3,4\n", "sample 2, '2,3,4'"),
-        ("time,power\n1,2\n2\n", "sample 2, '2'"),
+    trace = read_meter(path, Stated(first_load=str(first.start_s + 123.4)))
+    assert trace.watts == pytest.approx(watts)
+    assert ahead_s(trace, windows, None) == pytest.approx(123.4)
+    with pytest.raises(UsageError, match="--first-load"):
+        ahead_s(read_meter(path), windows, 1.7e9)
+    with pytest.raises(UsageError, match="--first-load noon: expected a time as"):
+        read_meter(path, Stated(first_load="noon"))
+
+
+def test_times_with_a_zone_need_no_statement(tmp_path):
+    """The machine's clock says when the first window began; without a zone, nothing does."""
+    windows, _, _ = synthetic(np.random.default_rng(2), repeats=1)
+    path = tmp_path / "meter.csv"
+    for zone in ("Z", "+00:00", ""):
+        rows = "".join(f"2026-01-01T10:00:0{i}.5{zone},{i}\n" for i in range(5))
+        path.write_text(f"start (iso),power_mW\n{rows}")
+        trace = read_meter(path)
+        assert np.diff(trace.time_s) == pytest.approx([1.0] * 4)
+        assert trace.watts == pytest.approx(np.arange(5) / 1e3)
+        if zone:
+            assert ahead_s(trace, windows, 1_767_261_600.0) == 1_767_261_600.0
+            continue
+        with pytest.raises(UsageError, match="no time zone"):
+            ahead_s(trace, windows, 1_767_261_600.0)
+        stated = read_meter(path, Stated(first_load="2026-01-01 10:00:02.5"))
+        assert ahead_s(stated, windows, None) == 1_767_261_602.5 - windows[1].start_s
+
+
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        ("a,b\n1,2\n2,3\n", "begins with 'a,b', and has no column of time"),
         ("", "begins with ''"),
-        ("Time;Energy(Wh)\n20:25:00,000;0,1\n", "'Energy.Wh.' is of energy, which is not"),
-    ):
-        path.write_text(text)
-        with pytest.raises(UsageError, match=says):
-            read_meter(path)
+        ("time,power_w\n1,2\n", "--time 'Timestamp:ms'"),
+        ("time_s,power\n1,2\n", "no column of current: name one and its unit by --current"),
+        ("time_s,Power (dBm)\n0,1\n1,1\n", "no column of current"),
+        (
+            "time_s,I (A),I2 (A)\n0,1,1\n",
+            "2 columns of current: name one and its unit",
+        ),
+        ("time_s,a_w,b_w\n0,1,1\n", "2 columns of power: name one and its unit by --power"),
+        ("time_s,current_a\n0,1\n", "state the supply in volts, such as --voltage 5"),
+        ("time_s,power_w\n2,1\n1,1\n", "sample 2: its time is not later"),
+        ("time_s,power_w\n2,1\n2,1\n", "sample 2: its time is not later"),
+        ("time_s,power_w\n1,x\n2,1\n", "sample 1, '1,x'"),
+        ("time_s,power_w\n1,2\n2\n", "sample 2, '2'"),
+        ("time_s,power_w\n1,2\n2,3\nTotal,\n", "delete a row that is no sample"),
+        ("t_iso,power_w\nyesterday,2\ntoday,2\n", "sample 1, 'yesterday,2'"),
+        ("time_s,power_w\n1,1\n", "two samples"),
+        ("time_s,power_w\n1,9.9e37\n2,9.91e37\n3,1\n", "two samples"),
+    ],
+)
+def test_an_export_that_does_not_say_what_it_holds_is_refused(text, says, tmp_path):
+    (path := tmp_path / "meter.csv").write_text(text)
+    with pytest.raises(UsageError, match=re.escape(says)):
+        read_meter(path)
 
 
 #: first rows of what meters' programs write, for 0.5 s between samples of 2.5 and 5 W at 5 V
 EXPORTS = {
     "Nordic PPK2": (
-        "Timestamp(ms),Current(uA),D0-D7\n0.0,500000.0,00000000\n500.0,1000000.0,00000001\n", 5.0
+        "Timestamp(ms),Current(uA),D0-D7\n0.0,500000.0,00000000\n500.0,1000000.0,00000001\n",
+        Stated(voltage="5"),
     ),
-    "Joulescope": (
-        "#time (s),current (A),voltage (V)\n0.0,0.5,5.0\n0.5,1.0,5.0\n", None
+    "Joulescope": ("#time (s),current (A),voltage (V)\n0.0,0.5,5.0\n0.5,1.0,5.0\n", Stated()),
+    "Joulescope with a trigger": (
+        "#start_time(samples),start_time(iso),current_mean(A),voltage_mean(V)\n"
+        "0,2024-03-04T10:01:40,0.5,5.0\n1,2024-03-04T10:01:40.5,1.0,5.0\n",
+        Stated(),
     ),
     "Joulescope, statistics": (
-        "#time,current,voltage,power,charge,energy\n0.0,0.5,5,2.5,0,0\n0.5,1,5,5,0.5,2.5\n", None
+        "#time,current,voltage,power,charge,energy\n0.0,0.5,5,2.5,0,0\n0.5,1,5,5,0.5,2.5\n",
+        Stated(time="time:s", power="power:W"),
     ),
-    "times of day": (
-        "Time,Watts\n13:59:59.8,2.5\n14:00:00.3,5\n", None
+    "Monsoon": (
+        "Time(ms),Main(mA),Main Voltage(V)\n0.0000,500,5.0\n500,1000,5.0\n", Stated()
     ),
-    "UM25C": (
-        "Device: UM25C\n\nDate;Time;Voltage (V);Current (A);Temperature (C);D+ (V);Energy (mWh)\n"
-        "2026-01-01;10:00:00,0;5,000;0,500;25;0,1;1\n2026-01-01;10:00:00,5;5,000;1,000;25;0,1;1\n",
-        None,
+    "an oscilloscope": (
+        "Time (s),Channel A (V),Channel B (mA)\n0.00,5.000,500\n0.5,5.000,1000\n", Stated()
     ),
     "Otii": (
-        "Timestamp,Main current (mA),Main voltage (V)\n0,500,5\n0.5,1000,5\n", None
+        "Timestamp,Main current (mA),Main voltage (V)\n0,500,5\n0.5,1000,5\n",
+        Stated(time="Timestamp:s"),
+    ),
+    "lines before the header, decimal commas": (
+        "Device: UM25C\n\nDate;Voltage (V);Current (A);Temperature (C);D+ (V)\n"
+        "2026-01-01T10:00:00,0;5,000;0,500;25;0,1\n2026-01-01T10:00:00,5;5,000;1,000;25;0,1\n",
+        Stated(time="Date:iso", voltage="Voltage (V)"),
     ),
     "INA219 logger": (
         "datetime,bus_voltage_V,shunt_voltage_mV,current_mA,power_mW\n"
-        "2026-01-01T10:00:00.000Z,5,5,500,2500\n2026-01-01T10:00:00.500Z,5,10,1000,5000\n", None
+        "2026-01-01T10:00:00.000Z,5,5,500,2500\n2026-01-01T10:00:00.500Z,5,10,1000,5000\n",
+        Stated(time="datetime:iso"),
     ),
     "microamperes by their sign": (
-        "Time (s),Current (\u00b5A),Voltage (mV)\n0,500000,5000\n0.5,1000000,5000\n", None
+        "Time (s),Current (\u00b5A),Voltage (mV)\n0,500000,5000\n0.5,1000000,5000\n", Stated()
+    ),
+    "least, mean and most": (
+        "time_s,current_min_a,current_avg_a,current_max_a,voltage_v\n0,.3,.5,.7,5\n.5,.8,1,2,5\n",
+        Stated(current="current_avg_a"),
+    ),
+    "a reading beyond the range": (
+        "time_s,power_w\n0,2.5\n0.2,9.99999999e+37\n0.3,-9.9e37\n0.5,5\n", Stated()
     ),
 }  # fmt: skip
 
 
 @pytest.mark.parametrize("name", EXPORTS)
 def test_what_meters_export_is_read_with_its_units(name, tmp_path):
-    text, voltage = EXPORTS[name]
+    text, stated = EXPORTS[name]
     path = tmp_path / "meter.csv"
     path.write_text(text, encoding="utf-8")
-    when, watts, *_ = read_meter(path, voltage)
-    assert watts == pytest.approx([2.5, 5.0])
-    assert np.diff(when) == pytest.approx([0.5])
-
-
-@pytest.mark.parametrize(
-    ("header", "asked"),
-    [
-        ("time_s,ch1_current_a,ch2_current_a,ch3_current_a,voltage_v", "ch2_current_a"),
-        ("time_s,I1 (A),I2 (A),I3 (A),U1 (V)", "I2 (A)"),
-        ("Time(ms),Main(mA),Main current(mA),Aux current(mA),Main Voltage(V)", "Aux current(mA)"),
-        ("time_s,current_min_a,current_avg_a,current_max_a,voltage_v", "current_avg_a"),
-        ("time_s,power_peak_w,power_rms_w,x,y", "power_rms_w"),
-        ("time_s,current_a,voltage_1_v,voltage_2_v,x", "voltage_2_v"),
-        ("t1 (ms),t2 (ms),power_w,x,y", "t2 (ms)"),
-    ],
-)
-def test_which_column_is_meant_is_asked_for_and_can_be_said(header, asked, tmp_path):
-    path = tmp_path / "meter.csv"
-    rows = "".join(f"{t},{t + 1},.6,.7,.8\n" for t in range(3))
-    path.write_text(f"{header}\n{rows}")
-    with pytest.raises(UsageError, match=r"which one is meant\? Name it, such as --column"):
-        read_meter(path)
-    voltage = None if "voltage" in asked else 5.0
-    assert repr(asked) in read_meter(path, voltage, [asked]).read_from
-    for wrong in ("nothing", ""):
-        with pytest.raises(UsageError, match="choose from"):
-            read_meter(path, named=[wrong])
-
-
-def test_a_unit_that_is_not_known_is_one_line(tmp_path):
-    """Of time, of power, of current; and a day is no second."""
-    path = tmp_path / "meter.csv"
-    for text, says in (
-        ("time(samples),power_w\n0,1\n1,1\n", "the unit of its column 'time(samples)'"),
-        ("Time (ticks),Power (W)\n0,1\n1,1\n", "'Time (ticks)'"),
-        ("time_s,Power (dBm)\n0,1\n1,1\n", "'Power (dBm)'"),
-        ("time_s,current (kA),voltage_v\n0,1,1\n1,1,1\n", "'current (kA)'"),
-        ("time,power\n0,1\n9e9,1\n", "name the unit of time"),
-    ):
-        path.write_text(text)
-        with pytest.raises(UsageError, match=re.escape(says)):
-            read_meter(path)
-
-
-def test_a_clock_needs_no_unit(tmp_path):
-    path = tmp_path / "meter.csv"
-    rows = (f"2024-03-04T10:01:40.{i}00000,0.2,5\n" for i in range(3))
-    path.write_text("start_time(iso),current_mean(A),voltage_mean(V)\n" + "".join(rows))
-    when, watts, *_ = read_meter(path)
-    assert np.diff(when) == pytest.approx([0.1, 0.1], abs=1e-6)
-    assert watts == pytest.approx([1.0] * 3)
+    trace = read_meter(path, stated)
+    assert trace.watts == pytest.approx([2.5, 5.0])
+    assert np.diff(trace.time_s) == pytest.approx([0.5])
+    assert trace.no_reading == 2 * (name == "a reading beyond the range")
 
 
 @pytest.mark.parametrize("cell", ["1e308", "-1e308", "1e200", "nan", "inf"])
@@ -564,23 +574,8 @@ def test_a_number_that_no_meter_writes_is_refused_by_its_row(column, cell, tmp_p
     path = tmp_path / "meter.csv"
     rows = [["0", "5000", "200"], ["1000", "5000", "200"]]
     rows[1][column] = cell
-    path.write_text("time_h,power_w\n0,1\n1e308,1e308\n")
-    with pytest.raises(UsageError, match="sample 2: a cell is no number, or too large"):
-        read_meter(path)
     path.write_text("time_ms,voltage_mv,current_ma\n" + "".join(",".join(r) + "\n" for r in rows))
-    with pytest.raises(UsageError, match="sample 2: "):
-        read_meter(path)
-
-
-def test_reversed_leads_are_asked_about(tmp_path):
-    """However small the power is, and of the voltage too."""
-    path = tmp_path / "meter.csv"
-    for volts, amperes in ((5, -0.2), (5, -0.001), (-5, 0.2)):
-        path.write_text(f"time_s,voltage_v,current_a\n0,{volts},{amperes}\n1,{volts},{amperes}\n")
-        with pytest.raises(UsageError, match=r"'current_a'.*are the leads of the meter reversed"):
-            read_meter(path)
-    path.write_text("time_s,power_w\n0,-1\n1,-2\n")
-    with pytest.raises(UsageError, match="reversed"):
+    with pytest.raises(UsageError, match="sample 2: a cell is no number, or too large"):
         read_meter(path)
 
 
@@ -599,135 +594,50 @@ def test_encodings_separators_and_both_micro_signs_are_read(
     rows += [[str(t), f"{ua:.1f}", "5.0"] for t, ua in ((0.0, 500_000), (0.5, 1_000_000))]
     text = "\r\n".join(delimiter.join(row).replace(".", decimal) for row in rows)
     path.write_bytes(text.encode(encoding))
-    when, watts, *_ = read_meter(path)
-    assert watts == pytest.approx([2.5, 5.0]) and np.diff(when) == pytest.approx([0.5])
-
-
-def test_times_of_day_go_on_after_midnight(tmp_path):
-    path = tmp_path / "meter.csv"
-    path.write_text("Time,Watts\n23:59:59.5,1\n23:59:59.9,2\n00:00:00.4,3\n00:00:00.9,4\n")
-    when, watts, *_ = read_meter(path)
-    assert np.diff(when) == pytest.approx([0.4, 0.5, 0.5], abs=1e-6)
-    assert watts.tolist() == [1.0, 2.0, 3.0, 4.0]
-    path.write_text("Time,Watts\n10:00:00,1\n10:00:02,2\n10:00:01,3\n")
-    with pytest.raises(UsageError, match="sample 3: its time is before"):
-        read_meter(path)
-
-
-def test_samples_of_the_same_second_are_spread_over_it(tmp_path):
-    """Each second has as many as there are; one of a gap does not last."""
-    path = tmp_path / "meter.csv"
-    path.write_text(
-        "Date,W\n2026-01-01 10:00:00,2\n2026-01-01 10:00:00,4\n2026-01-01 10:00:01,5\n"
-        "2026-01-01 10:00:09,1\n2026-01-01 10:00:09,2\n2026-01-01 10:00:10,3\n"
+    trace = read_meter(path)
+    assert trace.watts == pytest.approx([2.5, 5.0]) and np.diff(trace.time_s) == pytest.approx(
+        [0.5]
     )
-    when, watts, *_ = read_meter(path)
-    assert (when - when[0]).tolist() == [0.0, 0.5, 1.0, 9.0, 9.5, 10.0]
-    assert watts.tolist() == [2.0, 4.0, 5.0, 1.0, 2.0, 3.0]
 
 
-def test_a_clock_of_whole_seconds_gives_the_energy_of_an_exact_one():
-    """Four readings a second; the power at rest does not reach below all of them."""
-    windows, time_s, watts = synthetic(
-        np.random.default_rng(4), noise=0.002, drift=0.0, repeats=1, period=0.25
+def test_facts_beside_the_figure_show_what_a_meter_did():
+    """A range that ends below the load, a moving mean, a clock that runs fast, a wrong start."""
+    rng = np.random.default_rng(11)
+    windows, time_s, watts = synthetic(rng, noise=0.005, drift=0.0, repeats=1)
+    time_s = np.concatenate([time_s[0] - 5 + np.arange(50) * 0.1, time_s])
+    time_s = np.concatenate([time_s, time_s[-1] + np.arange(1, 51) * 0.1])
+    watts = np.pad(watts, 50, constant_values=2.0)
+
+    def facts(time_s, watts):
+        energy = analyse(Trace.of_power(time_s, watts), windows, METER)
+        return energy, " ".join(show._power_notes(energy))
+
+    right, text = facts(time_s, watts)
+    assert right.figures.marginal_j_per_match == pytest.approx(JOULES, rel=0.01)
+    assert right.readings.at_highest == 1
+    assert "In the middle half of the turns, of which the figures are: 2.00" in text
+    clipped, text = facts(time_s, np.minimum(watts, 2.3))
+    assert clipped.readings.at_highest > clipped.readings.samples / 3
+    assert f"to 2.300 W, {clipped.readings.at_highest:,} of them the highest" in text
+    _, text = facts(time_s, np.where(rng.random(watts.size) < 0.1, 0.0, watts))
+    assert " readings from 0.000 to " in text
+    reversed_leads, text = facts(time_s, -watts)
+    assert (
+        reversed_leads.figures.matches_per_joule is None and "at rest, turn by turn: -2.0" in text
     )
-    exact, coarse = (
-        analyse(
-            Trace.of_power(when - align(windows, when, watts), watts), windows,
-            replace(METER, period_s=0.25),
-        ).figures
-        for when in (time_s, _spread(np.floor(time_s)))
-    )  # fmt: skip
-    assert coarse.matches_per_joule == pytest.approx(exact.matches_per_joule, rel=0.01)
-    assert coarse.idle_w_interval[0] == pytest.approx(exact.idle_w_interval[0], rel=0.01)
-
-
-def test_rows_behind_the_last_reading_are_left_out_and_counted(tmp_path):
-    """A total without numbers; such a row between readings is refused."""
-    path = tmp_path / "meter.csv"
-    path.write_text("t_s,p_w,n\n0,2,7\n1,3,7\nTotal,,14\nend\n")
-    found = read_meter(path)
-    assert found.watts.tolist() == [2.0, 3.0] and found.left_out == 2
-    path.write_text("t_s,p_w,n\n0,2,7\n1,3,7\nTotal,,14\n2,3,7\n")
-    with pytest.raises(UsageError, match="sample 3, 'Total,,14'"):
-        read_meter(path)
-
-
-def unrelated(rng, kind, seconds, step=0.25):
-    """A trace that has nothing to do with any load."""
-    n = round(seconds / step)
-    if kind == "noise":
-        return np.arange(n) * step, rng.normal(2.0, 0.2, n)
-    if kind == "walk":
-        return np.arange(n) * step, 5 + np.cumsum(rng.normal(0, 0.02, n))
-    lengths = (rng.uniform(3, 20, n) / step).astype(int)
-    levels = np.arange(n) % 2 if kind == "on and off" else rng.uniform(0, 1, n)
-    return np.arange(n) * step, 2 + np.repeat(levels, lengths)[:n] + rng.normal(0, 0.02, n)
-
-
-#: matches of the periods of a machine that did other work too
-BUSY = (3398, 2766, 2031, 1343, 3523)
-
-
-def busy_windows():
-    of = [False, True, True, False, False, True, True, False, False, True]
-    matches = iter(BUSY)
-    return [
-        Window(load, 10.0 * i, 10.0 * i + 10, next(matches) if load else 0)
-        for i, load in enumerate(of)
-    ]
-
-
-@pytest.mark.parametrize("kind", ["noise", "walk", "steps", "on and off"])
-def test_a_trace_that_has_nothing_to_do_with_the_load_is_refused(kind):
-    """However long its best place is looked for; the refusal says what else may be wrong."""
-    rng, taken = np.random.default_rng(7), 0
-    for seconds in (120, 300, 900) * 10:
-        try:
-            align(busy_windows(), *unrelated(rng, kind, seconds))
-            taken += 1
-        except UsageError as error:
-            assert "varied from 1,343 to 3,523 matches a period" in str(error)
-    assert taken <= 1
+    # of the middle halves, neither a mean over 2 s nor a start that is 2 s late changes the figure
+    mean = np.convolve(watts, np.full(20, 1 / 20), mode="same")
+    for other in (facts(time_s[20:-20], mean[20:-20]), facts(time_s[:-30] + 2, watts[:-30])):
+        energy, _ = other
+        assert energy.figures.marginal_j_per_match == pytest.approx(JOULES, rel=0.01)
+        whole = [w.watts for w in energy.windows if w.load]
+        assert np.mean(whole) < 2.49  # which is shown beside the middle half's 2.5
 
 
 def test_a_meter_that_is_too_slow_for_the_periods_is_said_to_be():
-    """And no other program is blamed, even where the load varied."""
-    rng = np.random.default_rng(3)
-    windows = [w._replace(start_s=w.start_s / 10, end_s=w.end_s / 10) for w in busy_windows()]
-    time_s = np.arange(-5.0, 20)
-    with pytest.raises(UsageError, match="reads every 1 s, and windows are of 1 s: take windows"):
-        align(windows, time_s, 2 + rng.normal(0, 0.1, time_s.size))
-
-
-def test_a_load_that_varies_is_followed_and_its_interval_says_so():
-    """Power by the work of each period, on a machine that was busy with other work."""
-    windows, rng = busy_windows(), np.random.default_rng(8)
-    time_s = np.arange(-15, 130, 0.25)
-    work = np.array([window.matches for window in windows]) * 1.1e-4
-    inside = (time_s >= 0) & (time_s < 100)
-    watts = 2 + inside * work[np.clip(time_s // 10, 0, 9).astype(int)]
-    watts += rng.normal(0, 0.02, time_s.size)
-    ahead = align(windows, time_s + 50, watts)
-    assert ahead == pytest.approx(50, abs=0.3)
-    found = analyse(
-        Trace.of_power(time_s + 50 - ahead, watts), windows, replace(METER, period_s=0.25)
-    )
-    low, high = found.figures.marginal_j_per_match_interval
-    assert low < 1.1e-3 < high
-    assert "varied from 1,343 to 3,523 matches a period" in varying_load(windows)
-    assert not varying_load([w._replace(matches=10) for w in windows])
-
-
-def test_power_that_no_board_takes_is_refused(tmp_path):
-    """Milliwatts that were taken for watts; and a current needs its voltage."""
-    path = tmp_path / "meter.csv"
-    path.write_text("time_s,power\n0,3003\n1,3004\n")
-    with pytest.raises(UsageError, match=r"3,004 W \(median\).*name the unit.*power_mw"):
-        read_meter(path)
-    path.write_text("Timestamp(ms),Current(uA)\n0,500000\n1,500000\n")
-    with pytest.raises(UsageError, match="--voltage 5"):
-        read_meter(path)
+    windows, time_s, watts = synthetic(np.random.default_rng(3), repeats=1, window=2.0, period=1.0)
+    with pytest.raises(SensorError, match="reads every 1 s, and windows are of 2 s: take windows"):
+        analyse(Trace.of_power(time_s, watts), windows, replace(METER, period_s=1.0))
 
 
 PROFILE = ["profile", "--quick", "--window-s", "0.1"]
@@ -1032,58 +942,60 @@ def test_a_meter_is_added_afterwards_and_drawn(profile, tmp_path, capsys):
     found["energy"]["windows"] = [window._asdict() for window in windows]
     path, meter = tmp_path / "profile.json", tmp_path / "meter.csv"
     path.write_text(json.dumps(found))
-    rows = "".join(f"{t},{w * 200}\n" for t, w in zip(time_s, watts, strict=True))
-    meter.write_text("time_s,current_ma\n" + rows)
-    assert main(["profile", "trace", str(path), str(meter)]) == 2
+    first = next(window.start_s for window in windows if window.load)
+
+    def table(name, ahead=0.0, kept=slice(None)):
+        rows = zip(time_s[kept] + ahead, watts[kept] * 200, strict=True)
+        (file := tmp_path / name).write_text(
+            "time_s,current_ma\n" + "".join(f"{t},{ma}\n" for t, ma in rows)
+        )
+        return str(file)
+
+    def energy_by(*words, code=0):
+        assert main(["profile", "trace", *map(str, words)]) == code
+        return json.loads(path.read_text())["energy"]
+
+    meter = table("meter.csv")
+    start = ["--first-load", first]
+    energy_by(path, meter, code=2)
     assert "--voltage" in capsys.readouterr().err
-    assert main(["profile", "trace", str(path), str(meter), "--voltage", "-5"]) == 2
+    energy_by(path, meter, "--voltage", -5, code=2)
     assert "expected volts" in capsys.readouterr().err
+    energy_by(path, meter, "--voltage", 5, code=2)
+    assert "--first-load" in capsys.readouterr().err
     # the folder stands for the profile in it; 5 V times milliamperes
-    assert main(["profile", "trace", str(tmp_path), str(meter), "--voltage", "5"]) == 0
+    energy = energy_by(tmp_path, meter, "--voltage", 5, *start)
     assert "power at rest" in capsys.readouterr().out
-    energy = json.loads(path.read_text())["energy"]
     assert energy["figures"]["marginal_j_per_match"] == pytest.approx(JOULES, rel=0.1)
     assert (tmp_path / "report.html").stat().st_size > 10_000
-    assert "negative" not in energy["sensor"]["detail"]
     assert energy["sensor"]["gain_error"] is energy["sensor"]["resolution"] is None
-    for by in (1e4, -1e4):
-        table = "".join(f"{t + by},{w * 200}\n" for t, w in zip(time_s, watts, strict=True))
-        (other := tmp_path / "clock.csv").write_text(f"time_s,current_ma\n{table}")
-        assert main(["profile", "trace", str(path), str(other), "--voltage", "5"]) == 0
-        again = json.loads(path.read_text())["energy"]["figures"]
-        assert again["idle_w"] == pytest.approx(energy["figures"]["idle_w"], rel=0.01)
-        assert "replacing the energy that " in capsys.readouterr().err
-    # one negative reading, as of a disturbed meter
-    (other := tmp_path / "other.csv").write_text(f"time_s,current_ma\n{rows}{time_s[-1] + 1},-5\n")
-    assert main(["profile", "trace", str(path), str(other), "--voltage", "5"]) == 0
-    assert f"1 of {time_s.size + 1:,} readings are negative" in " ".join(
-        capsys.readouterr().out.split()
-    )
+    again = energy_by(path, table("clock.csv", 1e4), "--voltage", 5, "--first-load", first + 1e4)
+    assert again["figures"]["idle_w"] == pytest.approx(energy["figures"]["idle_w"], rel=0.01)
+    assert "replacing the energy that " in capsys.readouterr().err
     # readings that the meter lost in the middle of a window
-    middle = windows[4].start_s + 0.4 * (windows[4].end_s - windows[4].start_s)
-    kept = np.abs(time_s - middle) > 0.1 * (windows[4].end_s - windows[4].start_s)
-    some = zip(time_s[kept], watts[kept], strict=True)
-    (lossy := tmp_path / "lossy.csv").write_text(
-        "time_s,power_w\n" + "".join(f"{t},{w}\n" for t, w in some)
+    middle = (windows[4].start_s + windows[4].end_s) / 2
+    lossy = energy_by(
+        path, table("lossy.csv", 0, np.abs(time_s - middle) > 1), "--voltage", 5, *start
     )
-    assert "missing" not in energy["sensor"]["detail"]
-    assert main(["profile", "trace", str(path), str(lossy)]) == 0
-    assert "readings are missing for up to" in " ".join(capsys.readouterr().out.split())
+    assert lossy["readings"]["longest_gap_s"] > 1.9 > energy["readings"]["longest_gap_s"]
+    assert "at most 2" in " ".join(capsys.readouterr().out.split())
     # the same turns at another voltage, without measuring again
-    assert main(["profile", "trace", str(path), str(meter), "--voltage", "4"]) == 0
-    assert "'time_s', 'current_ma' and 4 V as given" in " ".join(capsys.readouterr().out.split())
-    again = json.loads(path.read_text())["energy"]
+    again = energy_by(path, meter, "--voltage", 4, *start)
+    shown = " ".join(capsys.readouterr().out.split())
+    assert "'time_s' (s), 'current_ma' (ma) and 4 V as stated" in shown
     first, second = (one["figures"]["marginal_j_per_match"] for one in (energy, again))
     assert second == pytest.approx(first * 4 / 5)
-    assert main(["profile", "trace", str(path), str(meter)]) == 2
-    assert json.loads(path.read_text())["energy"] == again
+    assert energy_by(path, meter, code=2) == again
 
 
 def test_the_page_names_every_key():
     """Of the records that profile.json is made of."""
     page = (Path(__file__).parents[2] / "docs/profile.md").read_text(encoding="utf-8")
     kinds = (Profile, Throughput, Figures, About, Conditions, Moments, Energy)
-    keys = {each.name for kind in kinds for each in fields(kind)} | {*Window._fields}
+    keys = {each.name for kind in kinds for each in fields(kind)} | {
+        *Window._fields,
+        *Readings._fields,
+    }
     keys = {key for key in keys if not key.endswith("_interval")}
     assert [key for key in sorted(keys) if not re.search(rf"`(energy\.)?{key}`", page)] == []
 

@@ -5,13 +5,12 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from edge_vpr.errors import UsageError
 from edge_vpr_tools.console import is_quiet, summary
 
 EXAMPLES = """\
   edge-vpr profile --meter -o results/board
   edge-vpr profile trace results/board meter.csv
-  edge-vpr profile trace results/board ppk2.csv --voltage 5"""
+  edge-vpr profile trace results/board ppk2.csv --voltage 5 --first-load 12400"""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -22,34 +21,41 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )  # fmt: skip
     parser.add_argument(
         "trace", metavar="METER.csv",
-        help="recording of the meter: a header that names time, and power or voltage and current, "
-        "with their units",
+        help="recording of the meter: a CSV with a header, whose columns end with their units, "
+        "such as time_s and power_w, or Timestamp(ms), Current(uA) and Voltage(V)",
     )  # fmt: skip
-    group = parser.add_argument_group("energy")
+    group = parser.add_argument_group(
+        "meter", "columns, each with its unit where the header does not state it"
+    )
+    for quantity, units in (
+        ("time", "s, ms, us, ns, or iso"), ("power", "w, mw or uw"), ("current", "a, ma, ua or na"),
+    ):  # fmt: skip
+        group.add_argument(
+            f"--{quantity}", metavar="NAME[:UNIT]",
+            help=f"column of {quantity} ({units}; default: the only one of such a unit)",
+        )  # fmt: skip
     group.add_argument(
-        "--voltage", type=float, metavar="V",
-        help="supply in volts, for a meter that writes current alone, such as a PPK2",
+        "--voltage", metavar="V",
+        help="supply in volts, or its column as NAME[:UNIT] (v, mv or uv)",
     )  # fmt: skip
     group.add_argument(
-        "--column", action="append", metavar="NAME", default=[],
-        help="column to read where the file has several of one quantity; may be repeated",
+        "--first-load", metavar="TIME",
+        help="time at which the first loaded period begins, as the file writes its times: where "
+        "its power first rises (default: by the time zone of the file and the machine's clock)",
     )  # fmt: skip
-
-
-_MOST_VOLTS = 60.0
 
 
 def run(args: argparse.Namespace) -> None:
     """Add the energy of a trace to a profile file."""
     from edge_vpr import results
+    from edge_vpr_tools.profile.meter_trace import Stated
     from edge_vpr_tools.profile.profiling import PROFILE, with_meter
     from edge_vpr_tools.profile.show import check_shown, show, write_profile
 
     path = Path(args.profile)
     path = path / PROFILE if path.is_dir() else path
-    if args.voltage is not None and not 0 < args.voltage <= _MOST_VOLTS:
-        raise UsageError(f"--voltage {args.voltage:g}: expected volts, such as 5")
-    found = with_meter(path, Path(args.trace), args.voltage, args.column)
+    stated = Stated(args.time, args.power, args.current, args.voltage, args.first_load)
+    found = with_meter(path, Path(args.trace), stated)
     check_shown(found, path)
     write_profile(found, path.parent, name=path.name)
     if not is_quiet():

@@ -21,10 +21,6 @@ from edge_vpr_tools.profile.sensors.sensor import About, Sensor, SensorError
 Floats = npt.NDArray[np.float64]
 
 
-#: Largest ratio of the matches of two load periods on a machine that does nothing else.
-_STEADY = 1.25
-
-
 class Window(NamedTuple):
     """Period of one kind of load, on the monotonic clock."""
 
@@ -32,6 +28,19 @@ class Window(NamedTuple):
     start_s: float
     end_s: float
     matches: int = 0
+    #: watts, middle_watts: mean power of the window, and of its middle half; None: not measured.
+    watts: float | None = None
+    middle_watts: float | None = None
+
+
+class Readings(NamedTuple):
+    """What a meter read from the beginning of the first window to the end of the last."""
+
+    samples: int
+    lowest_w: float
+    highest_w: float
+    at_highest: int  #: Readings that are the highest: many, where its range ends.
+    longest_gap_s: float  #: Between two readings.
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,6 +49,7 @@ class Trace:
 
     time_s: Floats  #: Shape (n,): times of the readings.
     energy_j: Floats  #: Shape (n,): energy since the first sample.
+    watts: Floats | None = None  #: Shape (n,): the readings, of a meter of power.
 
     @classmethod
     def of_energy(cls, time_s: Floats, joules: Floats) -> Trace:
@@ -50,7 +60,25 @@ class Trace:
     def of_power(cls, time_s: Floats, watts: Floats) -> Trace:
         """Integrate power by trapezoids; repeated readings do not change the integral's mean."""
         steps = np.diff(time_s) * (watts[1:] + watts[:-1]) / 2
-        return cls(time_s, np.concatenate([[0.0], np.cumsum(steps)]))
+        return cls(time_s, np.concatenate([[0.0], np.cumsum(steps)]), watts)
+
+    def readings(self, start_s: float, end_s: float) -> Readings:
+        """Return facts of the readings between two times; of a counter, of the power between."""
+        watts = self.watts
+        if watts is None:
+            watts = np.diff(self.energy_j, append=self.energy_j[-1]) / np.diff(
+                self.time_s, append=np.inf
+            )
+        inside = (start_s <= self.time_s) & (self.time_s <= end_s)
+        most = float(watts[inside].max())
+        return Readings(
+            int(np.count_nonzero(inside)), float(watts[inside].min()), most,
+            int(np.count_nonzero(watts[inside] == most)), float(np.diff(self.time_s[inside]).max()),
+        )  # fmt: skip
+
+    def power(self, start_s: float, end_s: float) -> float:
+        """Return the mean watts between two times, see `energy`."""
+        return self.energy(start_s, end_s) / (end_s - start_s)
 
     def energy(self, start_s: float, end_s: float) -> float:
         """Return the joules between two times, with linear interpolation between samples.
@@ -141,17 +169,6 @@ def too_slow(period_s: float, window_s: float) -> str:
     )
 
 
-def varying_load(windows: Sequence[Window]) -> str:
-    """Say how far the work of the load periods differs, if by more than a quarter."""
-    matches = [window.matches for window in windows if window.load]
-    if max(matches) <= _STEADY * min(matches):
-        return ""
-    return (
-        f"the load varied from {min(matches):,} to {max(matches):,} matches a period: the machine "
-        "is busy"
-    )
-
-
 # Statistics of pairs of idle and load periods: median, interval, and whether it is resolved.
 
 
@@ -174,10 +191,6 @@ class Estimate:
         """Whether the whole interval is above zero."""
         return self.low > 0
 
-    def widened(self, below: float, above: float) -> Estimate:
-        """Extend the interval downwards and upwards."""
-        return replace(self, low=self.low - below, high=self.high + above)
-
     def pairs_needed(self) -> int | None:
         """Return the number of pairs that would resolve the median; None if it is not above 0.
 
@@ -190,25 +203,13 @@ class Estimate:
         return max(self.pairs + 1, int(np.ceil(self.pairs * (1.2 * half / self.value) ** 2)))
 
 
-def paired_energy(trace: Trace, windows: Sequence[Window]) -> tuple[Floats, Floats]:
-    """Return the mean power of each pair's idle and load window.
-
-    Parameters
-    ----------
-    windows : sequence of Window
-        An even number: each two consecutive windows are a pair, in either order.
-
-    Returns
-    -------
-    idle_w, load_w : ndarray of float64, shape (pairs,)
-    """
-    watts = [
-        (window.load, trace.energy(window.start_s, window.end_s) / (window.end_s - window.start_s))
-        for window in windows
-    ]
-    idle = np.array([power for load, power in watts if not load])
-    load = np.array([power for loaded, power in watts if loaded])
-    return idle, load
+def powered(trace: Trace, window: Window) -> Window:
+    """Return a window with its mean power."""
+    quarter_s = (window.end_s - window.start_s) / 4
+    return window._replace(
+        watts=trace.power(window.start_s, window.end_s),
+        middle_watts=trace.power(window.start_s + quarter_s, window.end_s - quarter_s),
+    )
 
 
 def interval(differences: Floats) -> Estimate:
@@ -304,6 +305,8 @@ class Energy:
     #: sensor, trace: kept even if the figures are void.
     sensor: About | None = None
     trace: PowerTrace | None = None
+    readings: Readings | None = None
+    began_unix_s: float | None = None  #: When the first window began, since 1970.
     #: Of idle and load; without a sensor, those that were run for an external meter.
     windows: tuple[Window, ...] = ()
     not_measured_because: tuple[str, ...] = ()
@@ -319,10 +322,7 @@ Load = Callable[[float], int]
 LEAST_S, LEAST_SAMPLES = 10.0, 100
 _LEAST_QUICK_S = 0.1
 #: the same for a quick one, and for the trace of an external meter
-_LEAST_QUICK_SAMPLES, _LEAST_TRACE_SAMPLES = 10, 5
-#: readings at the beginning of a window, and at its end, that may be of the window beside it: a
-#: meter averages, and answers late
-_READINGS_AT_EDGES = 2
+_LEAST_QUICK_SAMPLES, _LEAST_TRACE_SAMPLES = 10, 8
 
 
 @dataclass(frozen=True)
@@ -409,28 +409,27 @@ def measure(sensor: Sensor, plan: Plan, load: Load) -> Energy:
 def analyse(trace: Trace, windows: Sequence[Window], about: About) -> Energy:
     """Return the energy that a match adds to that of the machine at rest, with intervals.
 
+    The power of a window is that of its middle half: a meter averages and answers late, so that its
+    readings near the beginning and the end may be of the window beside it.
+
     Raises
     ------
     SensorError
-        If the meter reads too seldom for the windows. Where it gives fewer than a hundred readings
-        in a window, the intervals are widened by those that may be of the window beside it.
+        If the meter reads too seldom for the windows.
     """
     window_s = typical_s(windows)
     if slow := too_slow(about.period_s, window_s):
         raise SensorError(slow)
-    idle_w, load_w = paired_energy(trace, windows)
+    # each two consecutive windows are a pair, in either order
+    windows = [powered(trace, window) for window in windows]
     loads = [window for window in windows if window.load]
+    idle_w = np.array([window.middle_watts for window in windows if not window.load])
+    load_w = np.array([window.middle_watts for window in loads])
     # divided by the matches of the same period, so that a slow period does not seem cheap
     a_match_s = np.array([(w.end_s - w.start_s) / max(w.matches, 1) for w in loads])
     marginal = interval((load_w - idle_w) * a_match_s)
     idle = interval(idle_w)
     resolved, value = marginal.resolved, marginal.value
-    if round(window_s / about.period_s) < LEAST_SAMPLES:
-        share = _READINGS_AT_EDGES * about.period_s / window_s
-        lost = 1 / (1 - share) - 1
-        marginal = marginal.widened(0.0, lost * max(marginal.high, 0.0))
-        # in watts, which do not vary with the matches of a machine that is busy
-        idle = idle.widened(lost * max(interval(load_w - idle_w).high, 0.0), 0.0)
     start = windows[0].start_s
     return Energy(
         figures=Figures(
@@ -447,8 +446,9 @@ def analyse(trace: Trace, windows: Sequence[Window], about: About) -> Energy:
         ),
         sensor=about,
         trace=_thinned(trace, start),
+        readings=trace.readings(start, windows[-1].end_s),
         windows=tuple(
-            Window(w.load, w.start_s - start, w.end_s - start, w.matches) for w in windows
+            w._replace(start_s=w.start_s - start, end_s=w.end_s - start) for w in windows
         ),
     )
 

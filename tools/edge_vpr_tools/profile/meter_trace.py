@@ -1,8 +1,4 @@
-"""The trace of an external meter: its table, and its place among the windows of a profile.
-
-Columns are found by their names and units. The clock of the meter is aligned with that of the
-profile by the steps of the load.
-"""
+"""The trace of an external meter: columns and units as its header or the user states them."""
 
 from __future__ import annotations
 
@@ -21,76 +17,66 @@ import numpy as np
 
 from edge_vpr.errors import UsageError
 from edge_vpr.files import open_input
-from edge_vpr_tools.profile.measurement import (
-    LEAST_PAIRS,
-    Floats,
-    Trace,
-    Window,
-    too_slow,
-    typical_s,
-    varying_load,
-)
-from edge_vpr_tools.profile.sensors.sensor import MAX_WATTS
+from edge_vpr_tools.profile.measurement import LEAST_PAIRS, Floats, Window
 
-#: Random orders of idle and load that a trace has to fit worse than the true one, and places at
-#: which they are tried in the length of a window. Of 1,500 traces of noise, of random walks and of
-#: other steps beside 5 pairs, 5 passed, as many as 252 orders allow; of 300 that are switched on
-#: and off at a constant period, 28 did, of nearly the period of the load.
-_ORDERS, _PLACES_OF_WINDOW = 500, 20
-#: energies that are looked up at a time
-_MOST_CELLS = 1 << 22
-#: median power of a trace above which its unit must be wrong: no board of this kind takes more
-MAX_TRACE_WATTS = 500.0
 #: most windows of a profile, and most seconds between its first and last one
 _MOST_WINDOWS, _MOST_S = 10_000, 1e6
-#: a trace that seems longer has another unit of time
-_MOST_TRACE_S = 7 * 86_400.0
-_DAY_S = 86_400.0
 #: lines before the header, in which programs describe themselves
 _MOST_PREFACE = 50
 #: seconds or watts that no meter writes, far below what sums of them may reach
 _TOO_LARGE = 1e100
+#: SCPI-99 writes 9.9E37 for a reading beyond the range, and 9.91E37 for no reading
+_NO_READING = 9.9e37
+_MOST_VOLTS = 60.0
 
-#: words in the name of a column, by the quantity that they mean
-_QUANTITIES = {
-    "time": "time timestamp datetime elapsed t",
-    "date": "date",
-    "power": "power watts watt p w",
-    "voltage": "voltage volts volt u v",
-    "current": "current amperes amps amp i a",
-}
-_WORDS = {word: quantity for quantity, words in _QUANTITIES.items() for word in words.split()}
+#: Factors to SI units. ``iso`` is a date and time by ISO 8601.
 _UNITS: Mapping[str, Mapping[str, float]] = {
-    "time": {"s": 1.0, "seconds": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0, "h": 3600},
-    "date": {},
-    "power": {"w": 1.0, "watts": 1.0, "mw": 1e-3, "uw": 1e-6},
-    "voltage": {"v": 1.0, "volts": 1.0, "mv": 1e-3, "uv": 1e-6},
-    "current": {"a": 1.0, "amps": 1.0, "ma": 1e-3, "ua": 1e-6, "na": 1e-9},
+    "time": {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "iso": 1.0},
+    "power": {"w": 1.0, "mw": 1e-3, "uw": 1e-6},
+    "current": {"a": 1.0, "ma": 1e-3, "ua": 1e-6, "na": 1e-9},
+    "voltage": {"v": 1.0, "mv": 1e-3, "uv": 1e-6},
 }
+_QUANTITY = {unit: quantity for quantity, units in _UNITS.items() for unit in units}
+#: A unit ends the name of a column: in brackets, or behind an underline.
+_UNIT = re.compile(r"[(\[{]\s*(\w+)\s*[)\]}]$|_([^\W_]+)$")
 
 
-_DIGIT = re.compile(r"\d")
+class Column(NamedTuple):
+    """A column of a meter's file."""
 
-
-class _Column(NamedTuple):
-    """A column of a meter's file: its number, and what its name says."""
-
-    at: int
     name: str
-    quantity: str  #: "" if it is none that is needed.
-    factor: float | None  #: To SI units, which are assumed without a unit; None: not known.
+    unit: str  #: In lower case; "" if not stated.
+
+    @property
+    def quantity(self) -> str:
+        """What the unit measures; "" without a unit that is read."""
+        return _QUANTITY.get(self.unit, "")
 
     @classmethod
-    def of(cls, at: int, name: str) -> _Column:
-        name = name.strip(" #\r\n")
-        text = name.replace("\u00b5", "u").replace("\u03bc", "u").lower()
-        outside, bracket, inside = re.sub(r"[\[{]", "(", text).partition("(")
-        words = re.findall(r"[^\W\d_]+", outside)
-        quantity = next((_WORDS[word] for word in words if word in _WORDS), "")
-        units = _UNITS.get(quantity, {})
-        if bracket:
-            return cls(at, name, quantity, units.get(re.split(r"[)\]}]", inside)[0].strip()))
-        return cls(at, name, quantity, next((units[word] for word in words if word in units), 1.0))
+    def parse(cls, text: str) -> Column:
+        """Read a column as a flag states it: NAME, or NAME:UNIT."""
+        name, colon, unit = text.rpartition(":")
+        if colon and _plain(unit) in _QUANTITY:
+            return cls(name.strip(), _plain(unit))
+        return cls(text.strip(), "")
+
+    @classmethod
+    def of_header(cls, cell: str) -> Column:
+        """Read a column as a header names it."""
+        name = cell.strip(" #\r\n")
+        unit = _UNIT.search(_plain(name))
+        return cls(name, "" if unit is None else unit[1] or unit[2])
+
+
+class Stated(NamedTuple):
+    """What the user states about a meter's file, each as on the command line."""
+
+    time: str | None = None  #: Column of times.
+    power: str | None = None
+    current: str | None = None
+    voltage: str | None = None  #: Column, or volts as a number.
+    #: The meter's time at which the first loaded period begins, as the file writes its times.
+    first_load: str | None = None
 
 
 class MeterTrace(NamedTuple):
@@ -98,57 +84,71 @@ class MeterTrace(NamedTuple):
 
     time_s: Floats  #: Shape (n,), increasing; on the meter's clock.
     watts: Floats  #: Shape (n,).
-    read_from: str  #: The names of the columns.
-    left_out: int  #: Rows behind the last reading, without a number.
+    read_from: str  #: Names and units of the columns.
+    no_reading: int  #: Samples that the meter marked as none, left out.
+    #: Whether times count from 1970, by a time zone in the file.
+    unix: bool
+    #: The meter's time of the first load, as stated; None if it was not.
+    first_load_s: float | None
 
 
-def read_meter(path: Path, voltage: float | None = None, named: Sequence[str] = ()) -> MeterTrace:
+def read_meter(path: Path, stated: Stated = Stated()) -> MeterTrace:  # noqa: B008, immutable
     """Read the times and watts that a meter's program exported.
 
     Parameters
     ----------
     path : path
-        Text in UTF-8, UTF-16 or Latin-1 with commas, semicolons or tabs between its cells, and a
-        header that names columns of time and of power, or of voltage and current, with or without
-        units: ``time_s,power_w``, ``Timestamp(ms),Current(uA)``. Lines before the header are
-        skipped. Times are numbers, ISO 8601 or a time of day. Samples of the same time, as of
-        clocks with whole seconds, are spread evenly until the next one.
-    voltage : float, optional
-        Supply in volts, instead of a column of voltage.
-    named : sequence of str
-        Names of columns to take where several hold the same quantity.
+        Text in UTF-8, UTF-16 with its mark, or Windows-1252, with commas, semicolons or tabs
+        between its cells. Its header is the first line with a column of time. The name of a column
+        ends with its unit: ``time_s``, ``Current (uA)``. Lines before the header are skipped.
+    stated : Stated
+        Columns and units that the header does not state, or of which it has several.
 
     Raises
     ------
     UsageError
-        If a column is missing, its unit is not known, or several may be meant; if a cell is not a
-        number, time decreases, or no board takes such a power.
+        If a column or its unit is not stated, or several may be meant; if a cell is no number, or
+        time does not increase.
     """
     try:
         with open_input(path) as file:
             encoding = _encoding_of(file.read(1 << 16))
             file.seek(0)
             lines = TextIOWrapper(file, encoding=encoding, errors="replace", newline="")
-            delimiter, columns = _header(path, lines)
-            chosen = _chosen(path, columns, voltage, named)
+            delimiter, columns = _header(path, lines, stated.time)
+            chosen, volts = _chosen(path, columns, stated)
             table = csv.reader(lines, delimiter=delimiter)
             rows = ([_decimal(cell, delimiter) for cell in row] for row in table)
             filled = (row for row in rows if any(row))
-            given = voltage if voltage is not None and "power" not in chosen else 1.0
-            left_out: list[UsageError] = []
-            samples = _samples(path, filled, len(columns), chosen, given, left_out)
-            read = np.fromiter(samples, np.dtype((np.float64, 2)))
+            samples = _samples(path, filled, columns, chosen, volts)
+            read = np.fromiter(samples, np.dtype((np.float64, 3)))
     except (OSError, csv.Error) as error:
         raise UsageError(
             f"cannot read a power trace from {path}: {error}: name a CSV with a header of time and "
             "power"
         ) from error
-    names = [repr(column.name) for column in chosen.values()]
-    if voltage is not None and "power" not in chosen:
-        names.append(f"{voltage:g} V as given")
-    time_s, watts = read.T
-    read_from = f"{', '.join(names[:-1])} and {names[-1]}"
-    return _checked(path, MeterTrace(time_s, watts, read_from, len(left_out)))
+    time_s, watts, zoned = read.T
+    kept = np.abs(watts) < _NO_READING
+    if np.count_nonzero(kept) < 2:
+        raise UsageError(f"{path}: a power trace needs two samples or more")
+    names = [f"{one.name!r} ({one.unit})" for one in chosen.values()]
+    names += [] if volts is None else [f"{volts:g} V as stated"]
+    unit, first = chosen["time"].unit, stated.first_load
+    try:
+        first_s = None if first is None else _time_s(first, unit)[0]
+    except ValueError:
+        raise UsageError(
+            f"--first-load {first}: expected a time as {path} writes it in {chosen['time'].name!r}"
+        ) from None
+    unix = bool(zoned.all())
+    return MeterTrace(
+        time_s[kept], watts[kept], f"{', '.join(names[:-1])} and {names[-1]}",
+        int(np.count_nonzero(~kept)), unix, first_s,
+    )  # fmt: skip
+
+
+def _plain(text: str) -> str:
+    return text.replace("\u00b5", "u").replace("\u03bc", "u").strip().lower()
 
 
 def _encoding_of(head: bytes) -> str:
@@ -167,196 +167,135 @@ def _decimal(cell: str, delimiter: str) -> str:
     return cell.strip() if delimiter == "," else cell.strip().replace(",", ".")
 
 
-def _header(path: Path, lines: Iterable[str]) -> tuple[str, list[_Column]]:
+def _header(path: Path, lines: Iterable[str], time: str | None) -> tuple[str, list[Column]]:
     """Read lines up to the header; return the delimiter, and all columns."""
+    name = None if time is None else Column.parse(time).name
     first = ""
     for line in islice(lines, _MOST_PREFACE):
         first = first or line.strip()
         delimiter = max(";\t,", key=line.count)
-        names = next(csv.reader([line], delimiter=delimiter), [])
-        columns = [_Column.of(at, name) for at, name in enumerate(names)]
-        found = {column.quantity for column in columns}
-        if {"time", "date"} & found and {"power", "current"} & found:
+        columns = [
+            Column.of_header(cell) for cell in next(csv.reader([line], delimiter=delimiter), [])
+        ]
+        if any(one.quantity == "time" if name is None else one.name == name for one in columns):
             return delimiter, columns
-        energy = [one.name for one in columns if re.search(r"energy|wh\b|joules", one.name, re.I)]
-        if {"time", "date"} & found and energy:
-            raise UsageError(
-                f"{path}: its column {energy[0]!r} is of energy, which is not read: export power, "
-                "or current and voltage"
-            )
+    missing = "no column of time with its unit, such as time_s" if name is None else f"no {name!r}"
     raise UsageError(
-        f"{path} begins with {first[:80]!a}: expected time_s, and power_w or both voltage_v and "
-        "current_a, or such names, in a header"
+        f"{path} begins with {first[:80]!a}, and has {missing}: name the column and its unit, such "
+        "as --time 'Timestamp:ms' (s, ms, us, ns, or iso)"
     )
 
 
 def _chosen(
-    path: Path, columns: Sequence[_Column], voltage: float | None, named: Sequence[str]
-) -> dict[str, _Column]:
-    """Choose a column of time, and of power or current and voltage; and a date to a time."""
-    of = {name: [one for one in columns if one.quantity == name] for name in _QUANTITIES}
-    for name in named:
-        same = [one for one in columns if one.name.lower() == name.strip().lower()]
-        if len(same) != 1 or not same[0].quantity:
-            known = ", ".join(repr(one.name) for one in columns if one.quantity)
+    path: Path, columns: Sequence[Column], stated: Stated
+) -> tuple[dict[str, Column], float | None]:
+    """Choose a column of time, and of power or of current and voltage; or volts as a number."""
+    volts = _volts(stated.voltage)
+    flags = {
+        "time": stated.time, "power": stated.power, "current": stated.current,
+        "voltage": None if volts is not None else stated.voltage,
+    }  # fmt: skip
+
+    def column(quantity: str) -> Column:
+        """Return the only column of a quantity: as stated, or by the units of the header."""
+        flag, units = f"--{quantity}", ", ".join(_UNITS[quantity])
+        text = flags[quantity]
+        if text is None:
+            same = [one for one in columns if one.quantity == quantity]
+        else:
+            asked = Column.parse(text)
+            same = [
+                one._replace(unit=asked.unit or one.unit)
+                for one in columns
+                if one.name == asked.name
+            ]
+        if len(same) != 1:
+            names = ", ".join(repr(one.name) for one in same or columns)
+            which = f"{len(same)} columns of {quantity}" if same else f"no column of {quantity}"
+            which = which if text is None else f"{len(same)} columns {Column.parse(text).name!r}"
             raise UsageError(
-                f"{path}: --column {name!r} is no column of a quantity: choose from {known}"
+                f"{path} has {which}: name one and its unit by {flag} NAME:UNIT ({units}), of "
+                f"{names}"
             )
-        of[same[0].quantity] = same
-        if same[0].quantity in ("voltage", "current"):
-            of["power"] = []
-
-    def only(quantity: str) -> _Column:
-        """Return the only column of a quantity; which one is meant is never guessed."""
-        if len(of[quantity]) > 1:
-            names = ", ".join(repr(one.name) for one in of[quantity])
+        if same[0].quantity != quantity:
             raise UsageError(
-                f"{path}: its {quantity} is in {names}: which one is meant? Name it, such as "
-                f"--column {of[quantity][0].name!r}"
+                f"{path}: the unit of its column {same[0].name!r} is none of {units}: state it, "
+                f"such as {flag} '{same[0].name}:{units.split(', ')[0]}'"
             )
-        return of[quantity][0]
+        return same[0]
 
-    chosen = {"time": only("time" if of["time"] else "date")}
-    if of["time"] and of["date"]:
-        chosen["date"] = only("date")
-    if of["power"]:
-        chosen["power"] = only("power")
-    else:
-        chosen["current"] = only("current")
-        if voltage is None and not of["voltage"]:
+    chosen = {"time": column("time")}
+    powers = [one for one in columns if one.quantity == "power"]
+    electric = stated.current is not None or stated.voltage is not None
+    if stated.power is not None or (powers and not electric):
+        return {**chosen, "power": column("power")}, None
+    chosen["current"] = column("current")
+    if volts is None:
+        if stated.voltage is None and not any(one.quantity == "voltage" for one in columns):
             raise UsageError(
-                f"{path} has time and current: give the supply by --voltage, such as --voltage 5"
+                f"{path} has time and current: state the supply in volts, such as --voltage 5"
             )
-        if voltage is None:
-            chosen["voltage"] = only("voltage")
-    for quantity, column in chosen.items():
-        if quantity not in ("time", "date"):  # which may be clocks
-            _factor(path, column)
-    return chosen
+        chosen["voltage"] = column("voltage")
+    return chosen, volts
 
 
-def _factor(path: Path, column: _Column) -> float:
-    if column.factor is None:
-        raise UsageError(
-            f"{path}: the unit of its column {column.name!r} is not known: write one of "
-            f"{', '.join(_UNITS[column.quantity])} into the header"
-        )
-    return column.factor
+def _volts(text: str | None) -> float | None:
+    """Return volts if a flag states a number; None if it names a column."""
+    try:
+        volts = None if text is None else float(text)
+    except ValueError:
+        return None
+    if volts is not None and not 0 < volts <= _MOST_VOLTS:
+        raise UsageError(f"--voltage {text}: expected volts, such as 5, or the name of a column")
+    return volts
 
 
 def _samples(
-    path: Path, rows: Iterable[Sequence[str]], width: int, chosen: Mapping[str, _Column],
-    voltage: float, left_out: list[UsageError],
-) -> Iterator[tuple[float, float]]:  # fmt: skip
-    """Yield times and watts; clocks count from 1970.
-
-    Rows behind the last reading whose cells hold no number, such as a total, go to `left_out`.
-    """
-    time, date = chosen["time"], chosen.get("date")
-    powers = [
-        (column.at, _factor(path, column))
-        for quantity, column in chosen.items() if quantity not in ("time", "date")
-    ]  # fmt: skip
-    unit: float | None = None  # of times; 0 of clocks
-    last, midnights = -math.inf, 0
+    path: Path, rows: Iterable[Sequence[str]], columns: Sequence[Column],
+    chosen: Mapping[str, Column], volts: float | None,
+) -> Iterator[tuple[float, float, float]]:  # fmt: skip
+    """Yield times, watts, and whether a time has a zone."""
+    at = {
+        quantity: [one.name for one in columns].index(one.name) for quantity, one in chosen.items()
+    }
+    factors = {
+        at[quantity]: _UNITS[quantity][one.unit] for quantity, one in chosen.items()
+        if quantity != "time"
+    }  # fmt: skip
+    unit, last = chosen["time"].unit, -math.inf
     for number, row in enumerate(rows, 1):
-        cells = [row[column.at] for column in chosen.values() if column.at < len(row)]
-        if not any(map(_DIGIT.search, cells)):
-            left_out.append(_bad_row(path, number, row))
-            continue
-        if left_out:
-            raise left_out[0]
-        if len(row) < width or any(row[width:]):
-            raise _bad_row(path, number, row)
         try:
-            if unit is None:
-                unit = _factor(path, time) if _is_number(row[time.at]) else 0.0
-            when = (
-                float(row[time.at]) * unit if unit
-                else _clock(row[time.at], row[date.at] if date else "")
-            )  # fmt: skip
-            watts = voltage
-            for at, factor in powers:
-                watts *= float(row[at]) * factor
-        except ValueError:
-            raise _bad_row(path, number, row) from None
+            when, zoned = _time_s(row[at["time"]], unit)
+            watts = 1.0 if volts is None else volts
+            for column, factor in factors.items():
+                value = float(row[column])
+                watts = value if abs(value) >= _NO_READING else watts * value * factor
+        except (ValueError, IndexError):
+            raise UsageError(
+                f"cannot read a power trace from {path}, sample {number}, {','.join(row)[:80]!r}: "
+                f"expected a number in each column, and a time in {unit}; delete a row that is no "
+                "sample"
+            ) from None
         if not (abs(when) < _TOO_LARGE and abs(watts) < _TOO_LARGE):
             raise UsageError(
-                f"{path}, sample {number}: a cell is no number, or too large: leave out such rows"
+                f"{path}, sample {number}: a cell is no number, or too large: delete such rows"
             )
-        if unit == 0.0 and when < _DAY_S:  # a time of day, without a date
-            midnights += when + midnights * _DAY_S < last - _DAY_S / 2
-            when += midnights * _DAY_S
-        if when < last:
+        if when <= last:
             raise UsageError(
-                f"{path}, sample {number}: its time is before that of the row above: leave out "
-                "such rows"
+                f"{path}, sample {number}: its time is not later than that of the row above: "
+                "export a time for each sample, in fractions of a second"
             )
         last = when
-        yield when, watts
+        yield when, watts, float(zoned)
 
 
-def _bad_row(path: Path, number: int, row: Sequence[str]) -> UsageError:
-    return UsageError(
-        f"cannot read a power trace from {path}, sample {number}, {','.join(row)[:80]!r}: "
-        "expected numbers, and a time in numbers, as ISO 8601 or as a time of day"
-    )
-
-
-def _is_number(cell: str) -> bool:
-    try:
-        float(cell)
-    except ValueError:
-        return False
-    return True
-
-
-def _clock(cell: str, date: str) -> float:
-    """Return the seconds of an ISO 8601 time since 1970, or of a time of day on some date."""
-    text = cell.replace(",", ".").replace("/", "-")
-    if date or not re.search(r"\d-", text):
-        text = f"{date.replace('/', '-') or '1970-01-01'} {text}"
-    when = datetime.fromisoformat(text)
-    return (when if when.tzinfo else when.replace(tzinfo=UTC)).timestamp()
-
-
-def _spread(when: Floats) -> Floats:
-    """Return times of which those that are equal are spread evenly until the next one.
-
-    A clock of whole seconds gives all readings of a second one time. In a gap, they are spread over
-    the usual step.
-    """
-    times, first, number = np.unique(when, return_index=True, return_counts=True)
-    steps = np.append(np.diff(times), np.inf)
-    each = np.minimum(steps, np.median(steps[:-1])) / number
-    return when + (np.arange(when.size) - np.repeat(first, number)) * np.repeat(each, number)
-
-
-def _checked(path: Path, found: MeterTrace) -> MeterTrace:
-    """Return a trace whose times increase, if a board can have it."""
-    if found.time_s.size < 2:
-        raise UsageError(f"{path}: a power trace needs two samples or more")
-    if found.time_s[0] == found.time_s[-1]:
-        raise UsageError(f"{path}: time does not increase from row to row")
-    times, watts = _spread(found.time_s), found.watts
-    seconds, typical, most = times[-1] - times[0], float(np.median(watts)), np.abs(watts).max()
-    by = f"{path}: by its columns {found.read_from}"
-    if seconds > _MOST_TRACE_S:
-        raise UsageError(
-            f"{by} it covers {seconds / 86_400:,.4g} days: name the unit of time in the header, "
-            "such as time_ms, or cut it to the measurement"
-        )
-    if abs(typical) > MAX_TRACE_WATTS or most > MAX_WATTS:
-        raise UsageError(
-            f"{by} its power is {typical:,.4g} W (median) and up to {most:,.4g} W, which no board "
-            "of this kind takes: name the unit in the header, such as power_mw"
-        )
-    if watts.mean() < 0:
-        raise UsageError(
-            f"{by} its power is {watts.mean():,.4g} W on average: are the leads of the meter "
-            "reversed? Swap them and record again, or change the sign in the file"
-        )
-    return found._replace(time_s=times)
+def _time_s(cell: str, unit: str) -> tuple[float, bool]:
+    """Return a time in seconds, and whether it is one since 1970, by its zone."""
+    if unit != "iso":
+        return float(cell) * _UNITS["time"][unit], False
+    when = datetime.fromisoformat(cell.replace("/", "-"))
+    zoned = when.tzinfo is not None
+    return (when if zoned else when.replace(tzinfo=UTC)).timestamp(), zoned
 
 
 def check_turns(windows: Sequence[Window]) -> None:
@@ -373,75 +312,25 @@ def check_turns(windows: Sequence[Window]) -> None:
         raise ValueError("a pair has two idle or two load windows")
 
 
-def align(windows: Sequence[Window], time_s: Floats, watts: Floats) -> float:
-    """Return by how much a meter's clock is ahead, from the steps of the load in its trace.
+def ahead_s(trace: MeterTrace, windows: Sequence[Window], began_unix_s: float | None) -> float:
+    """Return by how much the meter's clock is ahead of that of a profile.
 
     Parameters
     ----------
-    time_s, watts : ndarray of float64, shape (n,)
-        Trace of the meter, on its own clock.
-
-    Returns
-    -------
-    float
-        Seconds to be subtracted from `time_s`.
+    began_unix_s : float, optional
+        Time at which the first window began, since 1970.
 
     Raises
     ------
     UsageError
-        If the trace is shorter than the windows, or does not follow the load at any time.
+        If neither the user states it nor a time zone in the file.
     """
-    start, end = windows[0].start_s, windows[-1].end_s
-    span = end - start
-    room = time_s[-1] - time_s[0] - span
-    if room < 0:
-        raise UsageError(
-            f"the meter's trace of {time_s[-1] - time_s[0]:g} s is shorter than the measurement of "
-            f"{span:g} s: let it run before and after"
-        )
-    step = min(0.05, span / 2_000)
-    grid = np.arange(0.0, span, step)
-    edges = np.array([window.start_s - start for window in windows])
-    which = np.searchsorted(edges, grid, side="right") - 1
-    loaded = np.array([window.load for window in windows], dtype=np.float64)[which]
-    pattern = loaded - loaded.mean()
-    fine = np.interp(np.arange(0.0, room + span, step), time_s - time_s[0], watts)
-    scores = np.correlate(fine - fine.mean(), pattern, mode="valid")
-    if not _follows(windows, time_s, watts):
-        period_s, window_s = float(np.median(np.diff(time_s))), typical_s(windows)
-        busy = varying_load(windows)
-        remedy = f"{busy}: stop other programs" if busy else "take longer windows"
-        raise UsageError(
-            "the meter's trace does not rise and fall with the load of the profile, at any time: "
-            "is it of the same run, and of the board that ran it, and is its unit of time right? "
-            f"If so, {too_slow(period_s, window_s) or remedy}"
-        )
-    return float(time_s[0] + int(np.argmax(scores)) * step - start)
-
-
-def _follows(windows: Sequence[Window], time_s: Floats, watts: Floats) -> bool:
-    """Return whether the trace fits the load better than the same windows in another order.
-
-    This is a permutation test. In a trace that has nothing to do with the load, every order of idle
-    and load finds its best place alike, and that of the profile is the best one of all by a chance
-    of one in their number. A steady drift counts for none of them.
-    """
-    load, start, end = (
-        np.array([getattr(window, name) for window in windows], dtype=np.float64)
-        for name in ("load", "start_s", "end_s")
+    first = next(window for window in windows if window.load)
+    if trace.first_load_s is not None:
+        return trace.first_load_s - first.start_s
+    if trace.unix and began_unix_s is not None:
+        return began_unix_s - windows[0].start_s
+    raise UsageError(
+        "the meter's times have no time zone: state the one at which its power first rises to that "
+        f"of the load, such as --first-load {trace.time_s[0]:g}"
     )
-    rng = np.random.default_rng(0)
-    orders = np.array([load, *(rng.permutation(load) for _ in range(_ORDERS))])
-    orders = orders[np.r_[True, (orders[1:] != load).any(axis=1)]]
-    drift = np.stack([np.ones(load.size), (start + end) / 2], axis=1)
-    orders -= orders @ np.linalg.pinv(drift).T @ drift.T
-    orders /= np.linalg.norm(orders, axis=1, keepdims=True)
-    energy = Trace.of_power(time_s, watts).energy_j
-    step = float(np.median(end - start)) / _PLACES_OF_WINDOW
-    ahead = np.arange(time_s[0] - start[0], time_s[-1] - end[-1], step)
-    best = np.full(len(orders), -np.inf)
-    for part in np.array_split(ahead, 1 + ahead.size * load.size // _MOST_CELLS):
-        before, after = (np.interp(part[:, None] + at, time_s, energy) for at in (start, end))
-        fits = (after - before) / (end - start) @ orders.T
-        best = np.maximum(best, fits.max(axis=0, initial=-np.inf))
-    return bool(best[0] > best[1:].max())

@@ -6,6 +6,7 @@
 from __future__ import annotations
 
 import platform
+import time
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
@@ -21,15 +22,13 @@ from edge_vpr_tools.profile.conditions import Conditions, void_because
 from edge_vpr_tools.profile.measurement import (
     BOUNDED,
     Energy,
-    Floats,
     Plan,
     Trace,
-    Window,
     analyse,
     measure,
     take_turns,
 )
-from edge_vpr_tools.profile.meter_trace import align, check_turns, read_meter
+from edge_vpr_tools.profile.meter_trace import Stated, ahead_s, check_turns, read_meter
 from edge_vpr_tools.profile.sensors.sensor import (
     ROOT,
     About,
@@ -155,7 +154,9 @@ def profile(
         except SensorError as error:
             energy = Energy(not_measured_because=(f"{sensor.about.name}: {error}",))
     elif meter:
-        energy = replace(energy, windows=tuple(take_turns(plan, workload.run)))
+        windows = tuple(take_turns(plan, workload.run))
+        began_s = time.time() - (time.monotonic() - windows[0].start_s)
+        energy = replace(energy, windows=windows, began_unix_s=began_s)
     after = Conditions.now(root)
     void = void_because(before, loaded, after)
     if void:
@@ -173,17 +174,12 @@ def profile(
     )  # fmt: skip
 
 
-def with_meter(
-    path: Path,
-    meter: Path,
-    voltage: float | None = None,
-    columns: Sequence[str] = (),
-) -> Profile:
+def with_meter(path: Path, meter: Path, stated: Stated) -> Profile:
     """Give a profile that was made for an external meter the energy of that meter's trace.
 
     Parameters
     ----------
-    voltage, columns
+    stated : Stated
         See `read_meter`.
 
     Raises
@@ -192,43 +188,37 @@ def with_meter(
         If the profile has no windows for a meter, or the trace does not contain them.
     """
     found = Profile.load_file(path)
-    windows = found.energy.windows  # an earlier trace leaves them, to be computed again
+    energy = found.energy
+    windows = energy.windows  # an earlier trace leaves them, to be computed again
     if not windows:
         raise UsageError(f"{path} took no turns for a meter: make it with --meter")
-    if found.energy.sensor is not None:
-        note(f"replacing the energy that {found.energy.sensor.name} measured")
+    if energy.sensor is not None:
+        note(f"replacing the energy that {energy.sensor.name} measured")
     with parse_errors(path, "the turns of a profile", "make it again with edge-vpr profile"):
         check_turns(windows)
-    time_s, watts, read_from, left_out = read_meter(meter, voltage, columns)
-    ahead = align(windows, time_s, watts)
-    negative = int(np.count_nonzero(watts < 0))
-    behind = f"; {left_out} rows behind the last reading hold no number, and are left out"
-    doubt = behind if left_out else ""
-    doubt += f"; {negative:,} of {watts.size:,} readings are negative" if negative else ""
-    doubt += _gaps(time_s - ahead, windows)
+    trace = read_meter(meter, stated)
+    time_s = trace.time_s - ahead_s(trace, windows, energy.began_unix_s)
+    by = "by its time zone" if stated.first_load is None else f"at {stated.first_load} as stated"
+    left_out = f"; {trace.no_reading:,} samples say no reading, and are left out"
     about = About(
         name=meter.name,
         kind="power",
         scope="what the external meter feeds",
         period_s=float(np.median(np.diff(time_s))),
-        detail=f"from {read_from}, aligned by the steps of the load; its gain error is not "
-        f"known{doubt}",
+        detail=f"from {trace.read_from}; the first load begins {by}; its gain error is not known"
+        f"{left_out if trace.no_reading else ''}",
     )
-    energy = analyse(Trace.of_power(time_s - ahead, watts), windows, about)
-    return replace(found, energy=replace(energy, figures=None) if found.void else energy)
-
-
-def _gaps(time_s: Floats, windows: Sequence[Window]) -> str:
-    """Say how long a meter gave no reading among the windows; "" if not unusually long."""
-    steps = np.diff(time_s)
-    inside = (time_s[1:] > windows[0].start_s) & (time_s[:-1] < windows[-1].end_s)
-    window_s = min(window.end_s - window.start_s for window in windows)
-    gaps = steps[inside & (steps > max(3 * np.median(steps), window_s / 10))]
-    if not gaps.size:
-        return ""
-    return (
-        f"; readings are missing for up to {gaps.max():.3g} s in windows of {window_s:.3g} s, and "
-        "power is interpolated there: record again"
+    try:
+        measured = analyse(Trace.of_power(time_s, trace.watts), windows, about)
+    except SensorError as error:
+        raise UsageError(f"{meter}: {error}") from None
+    return replace(
+        found,
+        energy=replace(
+            measured,
+            figures=None if found.void else measured.figures,
+            began_unix_s=energy.began_unix_s,
+        ),
     )
 
 

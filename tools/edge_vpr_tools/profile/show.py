@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from datetime import UTC, datetime
 from pathlib import Path
+from statistics import fmean
 
 from matplotlib.figure import Figure
 
@@ -12,7 +14,7 @@ from edge_vpr import results
 from edge_vpr.files import parse_errors
 from edge_vpr.results import write_json
 from edge_vpr_tools.console import say, table
-from edge_vpr_tools.profile.measurement import Energy, varying_load
+from edge_vpr_tools.profile.measurement import Energy
 from edge_vpr_tools.profile.profiling import (
     PROFILE,
     Number,
@@ -96,16 +98,21 @@ def notes(found: Profile) -> list[str]:
 
 def _energy_notes(energy: Energy) -> list[str]:
     if energy.sensor is None and energy.windows:
+        first = next(window for window in energy.windows if window.load)
+        since_s = first.start_s - energy.windows[0].start_s
+        when = ""
+        if energy.began_unix_s is not None:
+            began = datetime.fromtimestamp(energy.began_unix_s + since_s, UTC)
+            when = f", which began at {began.isoformat(timespec='milliseconds')}"
         return [
             "Idle and load alternated for an external meter: `edge-vpr profile trace` adds the CSV "
-            "that it recorded meanwhile."
+            f"that it recorded meanwhile, given its time of the first load{when}."
         ]
     notes = [f"Energy is not measured. {reason}." for reason in energy.not_measured_because]
     if energy.sensor is None:
         return notes
     notes.append(_sensor(energy.sensor))
-    if busy := varying_load(energy.windows):
-        notes.append(f"{busy.capitalize()}, which widens the intervals; stop other programs.")
+    notes += _power_notes(energy)
     if (figures := energy.figures) is not None:
         gain = energy.sensor.gain_error
         notes.append(
@@ -118,6 +125,32 @@ def _energy_notes(energy: Energy) -> list[str]:
                 f"About {figures.pairs_needed} pairs ({minutes:.0f} min) would resolve the energy "
                 "of a match."
             )
+    return notes
+
+
+def _power_notes(energy: Energy) -> list[str]:
+    """Return facts by which a person sees whether the power is that of the turns."""
+    notes, middles = [], []
+    for name, load in (("at rest", False), ("under load", True)):
+        turns = [one for one in energy.windows if one.load == load]
+        watts = [one.watts for one in turns if one.watts is not None]
+        middle = [one.middle_watts for one in turns if one.middle_watts is not None]
+        if watts and middle:
+            each = ", ".join(f"{w:.3f}" for w in watts)
+            notes.append(f"Power {name}, turn by turn: {each} W.")
+            middles.append(f"{fmean(middle):.3f} W {name} (whole turns: {fmean(watts):.3f} W)")
+    if middles:
+        notes.append(
+            f"In the middle half of the turns, of which the figures are: {', and '.join(middles)}."
+        )
+    if (readings := energy.readings) is not None:
+        notes.append(
+            f"{readings.samples:,} readings from {readings.lowest_w:.3f} to "
+            f"{readings.highest_w:.3f} W, {readings.at_highest:,} of them the highest; at most "
+            f"{readings.longest_gap_s:.3g} s apart."
+        )
+    matches = [window.matches for window in energy.windows if window.load]
+    notes.append(f"A period under load had {min(matches):,} to {max(matches):,} matches.")
     return notes
 
 
