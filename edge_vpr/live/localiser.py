@@ -94,7 +94,7 @@ class LiveLocaliser:
         warm_up([*localising_steps(reference, every, filters, odometry=odometry), *steps], show)
         self._localiser = Localiser(reference, every=every)
         self.odometer_check = self._localiser.odometer_check or self.odometer_check
-        self._position = PathPosition(settings.window_parts)
+        self._position = PathPosition(settings)
         # longest time that is matched in one step
         self._most_us = MOST_TICKS * self._localiser.every.interval_us or _NEVER_US
         #: windows that a match compares, and how far back from a match its losses may lie

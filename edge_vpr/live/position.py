@@ -1,9 +1,9 @@
 """Position of the robot now: at the end of the newest window, and steady from match to match.
 
-A match gives the place whose window resembles the newest window. A place is at the middle of its
-window, so that the robot is half a window further on when its window ends. `PathPosition` turns the
-places of matches into the place where the robot is, in fractions of a place; `Locator` turns that
-into metres and coordinates.
+A match gives the place of the window that the filter has predicted: a place is at the middle of its
+window, so that the robot is half a window further on when the window ends, and half a window behind
+when it begins. `PathPosition` turns the places of matches into the place where the robot is, in
+fractions of a place; `Locator` turns that into metres and coordinates.
 """
 
 from __future__ import annotations
@@ -17,12 +17,10 @@ import numpy.typing as npt
 
 from edge_vpr.map_record import MapRecord
 from edge_vpr.route import length_m
+from edge_vpr.settings import Settings
 
 #: Windows over which the speed along the path is measured: at most, and at least.
 MOST_WINDOWS, LEAST_WINDOWS = 8, 4
-#: Share of a window's advance by which the robot is ahead of the matched place: half a window, less
-#: an eighth by which the filter is ahead at the speed of the map.
-LEAD = 0.375
 #: Share of the difference to the newest match that is corrected within `STEADY_US`.
 GAIN, STEADY_US = 0.25, 50_000
 #: A match so many windows of the map away from the path is a jump.
@@ -34,8 +32,8 @@ class PathPosition:
 
     Parameters
     ----------
-    places_per_window : int
-        Places by which a robot advances in a window at the speed of the map.
+    settings : Settings
+        Of the map.
 
     Attributes
     ----------
@@ -44,8 +42,11 @@ class PathPosition:
         jump.
     """
 
-    def __init__(self, places_per_window: int) -> None:
+    def __init__(self, settings: Settings) -> None:
         self.jumps = 0
+        places_per_window = settings.window_parts
+        self._by_filter = settings.matching == "filter"
+        self._tau_us = settings.tau_us if settings.window == "time" else 0
         self._map_advance, self._jump = places_per_window, JUMP_WINDOWS * places_per_window
         self._ends: deque[tuple[int, int]] = deque(maxlen=MOST_WINDOWS + 1)  # time, place
         self._at = math.nan
@@ -84,7 +85,7 @@ class PathPosition:
         """
         window_us = max(window_us, 1)
         advance = self._advance(time_us, window_us, place)
-        seen = place + LEAD * advance
+        seen = place + self._lead(time_us) * advance
         if abs(seen - self._at) <= self._jump:
             passed_us = time_us - self._time_us
             self._at += advance * passed_us / window_us
@@ -94,6 +95,18 @@ class PathPosition:
             self._at = seen
         self._time_us = time_us
         return self._at
+
+    def _lead(self, time_us: int) -> float:
+        """Return how far the robot is ahead of a match, in windows.
+
+        Sequences match the windows that end now. The filter's windows follow one another from time
+        zero; of windows by number, the time within one is not known, and the mean is taken.
+        """
+        if not self._by_filter:
+            return 0.5
+        if not self._tau_us:
+            return 0.0
+        return 0.5 - (-time_us % self._tau_us) / self._tau_us
 
     def _advance(self, time_us: int, window_us: int, place: int) -> float:
         """Return the advance in a window, in places: that of the path, or at first of the map."""

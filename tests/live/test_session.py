@@ -338,7 +338,7 @@ def test_the_matches_of_every_protocol_are_those_of_the_recording(
     assert np.array_equal(seconds, expected["second_distance"], equal_nan=True)
     for name in ("second", "ratio", "trust", "lost"):
         assert [getattr(match, name) for match in found] == expected[name].tolist(), name
-    position, locator = PathPosition(1), Locator(route)
+    position, locator = PathPosition(route.settings), Locator(route)
     at = [
         position.update(row["time_us"], row["time_us"] - row["start_us"], row["place"])
         for row in expected

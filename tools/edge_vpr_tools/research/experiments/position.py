@@ -1,9 +1,9 @@
 """Where a live session says that the robot is, against where it is.
 
-Positions are those of the accepted matches: of the matched place, which is half a window behind,
-and as a live session reports them (`PathPosition`). Streets are matched every 50 ms; of the drives
-of Brisbane, whose windows were published, at the end of each window, against the GPS. The constants
-of the position were chosen on streets of seeds below 200.
+Positions are those of the accepted matches: of the matched place, and as a live session reports
+them (`PathPosition`). Streets are matched every 50 ms; of the drives of Brisbane, whose windows
+were published, at the end of each window, against the GPS. The constants of the position were
+chosen on streets of seeds below 200.
 """
 
 from __future__ import annotations
@@ -114,7 +114,7 @@ def live_matches(mapped: ReferenceMap, drive: EventSource | WindowSource) -> Liv
 def positions_of(mapped: ReferenceMap, driven: Driven) -> dict[str, Row]:
     """Return the errors of positions by name, of the accepted matches."""
     found, track = live_matches(mapped, driven.drive), driven.tracks.query
-    path, locator = PathPosition(mapped.settings.window_parts), Locator(mapped)
+    path, locator = PathPosition(mapped.settings), Locator(mapped)
     at: dict[str, list[float]] = {OF_PLACE: found.place.astype(np.float64).tolist(), REPORTED: []}
     jumps = []
     windows = zip(found.end_us.tolist(), (found.end_us - found.start_us).tolist(), strict=True)
