@@ -165,7 +165,8 @@ def operations(design: Design) -> Operations:
     it has a term of two sums (all distances, and their deviations from the mean), the difference to
     the smallest distance and its product, the cost of each step and their minimum, the evidence,
     its weight and its limits, the row of the costs (a difference of activities and its limits), and
-    the search by a delay line. In addition there are three divisions.
+    the search by a delay line. In addition there are three divisions. With seven gains, all three
+    sums of windows are looked at.
 
     Returns
     -------
@@ -185,16 +186,27 @@ def operations(design: Design) -> Operations:
 
 
 def _filter_operations(design: Design) -> Operations:
-    places = design.places
+    places, gains, sums = design.places, design.gains, design.sums
     # steps that lead to a place from within the map
     steps = sum(max(0, places - step) for step in range(design.steps))
     return Operations(
-        absolute_differences=places * design.slots + places,
-        # distances; both sums over places; the cost of a step, less the least metric; the
-        # difference to the least distance, and the evidence; the row of the costs
-        additions=places * (design.slots - 1) + 2 * (places - 1) + 2 * steps + 2 * places + places,
-        # least distance; least cost, and restart; limits of evidence and metric; search; those of
-        # the row; accept
-        comparisons=(places - 1) + steps + 2 * places + 3 * places + 2 * places + 1,
-        multiplications=2 * places,
+        absolute_differences=places * (sums * design.slots + 1),
+        additions=(
+            # distances; both sums over places; the difference to the least distance
+            sums * (places * (design.slots - 1) + 2 * (places - 1) + places)
+            # the cost of a step, less the least metric; the evidence
+            + gains * (2 * steps + places)
+            + places  # the row of the costs
+            + 2 * (gains - 1) * places  # the cost of a change to the gain beside, and back
+        ),
+        comparisons=(
+            sums * (places - 1)  # least distance
+            # least cost, and restart; limits of evidence and metric
+            + gains * (steps + 3 * places)
+            # the least gain of a place; changes of gain
+            + 3 * (gains - 1) * places
+            + 4 * places  # search; those of the row
+            + 1  # accept
+        ),
+        multiplications=2 * places * sums,
     )

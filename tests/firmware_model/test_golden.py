@@ -517,7 +517,7 @@ def same_as_the_pipeline(folder, map_file, query) -> int:
     reference = ReferenceMap.load(map_file)
     arrays = np.load(folder / "recording" / "drive" / "case.npz")
     recording = open_recording(query)
-    device = replace(reference.settings, smooth=False, gains=1)
+    device = replace(reference.settings, smooth=False)
     reference = replace(reference, settings=device)
     found = describe_query(reference, recording)
     windows = arrays["expected_windows"]

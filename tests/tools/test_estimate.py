@@ -296,7 +296,7 @@ def test_one_table_has_matches_per_joule_by_the_rate_of_events(capsys):
     shown = capsys.readouterr().out
     assert "at 2,000,000 events/s of the whole sensor (as given)" in joined(shown)
     assert float(rows_of(shown)["cortex-m0plus"][3].replace(",", "")) > 1_000
-    assert "cortex-m0plus (its speed: busy 1.3 to 2.7 of the time)" in joined(shown)
+    assert "cortex-m0plus (its speed: busy 1.4 to 2.7 of the time)" in joined(shown)
     assert main(["estimate", "--places", "60000", "--target", "cortex-m0plus"]) == 0
     shown = capsys.readouterr().out
     assert rows_of(shown)["cortex-m0plus"][5:] == ["slow"] * 3 and "slow: the" in joined(shown)

@@ -39,6 +39,17 @@ def test_a_column_goes_across_and_what_was_not_measured_is_a_dash():
     ]
 
 
+def test_several_columns_go_across_and_the_page_may_name_them():
+    text = "across = drives; method = ours | dense; columns = method, P@100R, bytes"
+    shown = table_of(ROWS, TableView.parse(text)).split("\n")
+    assert shown[0] == "| method | street, P@100R | street, bytes | walks, P@100R | walks, bytes |"
+    text += "; titles = system, street, its bytes, walks, their bytes"
+    assert table_of(ROWS, TableView.parse(text)).split("\n") == [
+        "| system | street | its bytes | walks | their bytes |",
+        *shown[1:],
+    ]
+
+
 def test_rows_of_one_value_are_shown_without_its_column():
     view = TableView.parse("drives = walks")
     assert table_of(ROWS, view).split("\n")[::2] == [
@@ -78,7 +89,7 @@ def test_the_table_behind_a_marker_is_replaced_and_the_rest_stays(tmp_path):
     [
         ("drive = walks", "no column 'drive'"),
         ("drives = moon", "no row has {'drives': 'moon'}"),
-        ("across = drives", "2 measured columns"),
+        ("columns = method, P@100R; titles = system", "1 titles for 2 columns"),
     ],
 )
 def test_a_marker_that_names_what_is_not_there_is_refused(tmp_path, view, reason):

@@ -28,6 +28,7 @@ from firmware_model.emulation.emulator import Emulator
 from firmware_model.emulation.instructions import FirmwareRun
 from firmware_model.errors import DesignError
 from firmware_model.image import check_limits, stride
+from fixedpoint.activity import SUMS
 
 SCALING = Path(__file__).parent / "scaling.csv"
 
@@ -49,8 +50,11 @@ _FILTER = (
     "filter_per_16_bytes_left_over",
     "filter_per_half_place",
 )
-_WINDOWS = (_WINDOW, _CONTRAST_WINDOW)
-_GROUPS = (*_WINDOWS, _MATCH, _FILTER)
+#: with seven gains, which compare sums of windows too
+_GAINS_WINDOW = ("gains_window_call", "gains_window_per_slot")
+_GAINS = tuple(name.replace("filter", "gains") for name in _FILTER)
+_WINDOWS = (_WINDOW, _CONTRAST_WINDOW, _GAINS_WINDOW)
+_GROUPS = (*_WINDOWS, _MATCH, _FILTER, _GAINS)
 
 #: sizes that vary independently, so that each coefficient can be determined
 FITTED_ON = tuple(
@@ -77,12 +81,13 @@ FITTED_ON = tuple(
 )
 
 
-#: the same for the filter: sizes, and places per window
+#: the same for the filter: gains, sizes, and places per window
 _FILTERS = tuple(
     Design(
         width=64, height=64, pixels=pixels, places=places, code_bits=4, matching="filter",
-        code="contrast", places_per_window=per_window,
+        code="contrast", places_per_window=per_window, gains=gains,
     )
+    for gains in (1, 7)
     for pixels, places, per_window in (
         (16, 20, 1), (150, 20, 1), (40, 60, 1), (64, 90, 1), (100, 30, 1), (208, 24, 1),
         (250, 40, 1), (16, 24, 2), (25, 60, 2), (150, 40, 2), (64, 30, 2), (208, 30, 2),
@@ -101,7 +106,8 @@ class Counted:
 def count(target: Target, elf: Path, design: Design, seed: int = 0) -> Counted:
     """Run the firmware on an emulated processor until L windows are seen, and count the last.
 
-    Of the filter, until the third, since the first takes longer. No window pauses.
+    Of the filter, until the third, since the first takes longer, or until the longest sum is of
+    windows that were seen. No window pauses.
 
     Raises
     ------
@@ -113,7 +119,8 @@ def count(target: Target, elf: Path, design: Design, seed: int = 0) -> Counted:
     flat = rng.choice(design.width * design.height, design.pixels, replace=False).tolist()
     pixels = [(at % design.width, at // design.width) for at in flat]
     run = FirmwareRun(Emulator(target, elf), Memories(design, pixels, places))
-    return Counted(*run.match(3 if design.filters else design.length))
+    windows = max(3, 1 + SUMS[design.sums - 1]) if design.filters else design.length
+    return Counted(*run.match(windows))
 
 
 def fit(designs: Sequence[Design], counted: Sequence[Counted]) -> dict[str, float]:
@@ -152,10 +159,10 @@ def predict(design: Design, core: str) -> Counted:
 
 def _groups(design: Design) -> tuple[tuple[str, ...], tuple[str, ...]]:
     """Name the coefficients of the design's windows and matches."""
-    window = _WINDOWS[design.contrast]
-    if design.filters:
-        return window, _FILTER
-    return window, _MATCH
+    if design.gains > 1:
+        return _GAINS_WINDOW, _GAINS
+    window = _CONTRAST_WINDOW if design.contrast else _WINDOW
+    return window, _FILTER if design.filters else _MATCH
 
 
 def _window_terms(design: Design) -> tuple[int, ...]:
@@ -207,7 +214,7 @@ def random_designs(number: int, seed: int) -> list[Design]:
         if by_filter:
             matching = {
                 "code": "contrast", "matching": "filter",
-                "places_per_window": int(rng.integers(1, 3)),
+                "places_per_window": int(rng.integers(1, 3)), "gains": int(rng.choice([1, 7])),
             }  # fmt: skip
         with suppress(DesignError):
             design = Design(

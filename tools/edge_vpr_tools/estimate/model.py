@@ -53,13 +53,13 @@ def search_work(design: Design) -> Search:
 def _bytes_moved(design: Design) -> float:
     """Return the bytes of all words that a search reads and writes."""
     places, sized = design.places, memories(design)
-    words = places * design.words
+    words = places * design.words * design.sums
     if design.filters:
         moved = {
             # those of the other places of a step are already read
-            "metric": 2 * places,
+            "metric": 2 * places * design.gains,
             "place_activity": places,
-            "distance": 2 * places,
+            "distance": 2 * places * design.sums,
             "delay": max(0, places - design.exclusion - 1) + places,
         }
     else:
@@ -215,8 +215,10 @@ class Cost:
 
 
 def cost(design: Design, target: Target, mission: Mission) -> Cost:
-    """Model a design on a target."""
+    """Model a design on a target; on an FPGA with one gain, since the core has no more."""
     instructions = None
+    if target.kind == "fpga":
+        design = replace(design, gains=1)
     if target.kind == "processor":
         instructions = instructions_of(design, target.core)
         taken = {unit: Spread(*target.cpi) * number for unit, number in instructions.items()}

@@ -16,7 +16,7 @@ from firmware_model.errors import DesignError
 from firmware_model.memories import Memories
 
 
-def design_of(reference: ReferenceMap, lanes: int = 8) -> Design:
+def design_of(reference: ReferenceMap, lanes: int = 8, *, gains: int | None = None) -> Design:
     """Take every parameter of a design from a map.
 
     Parameters
@@ -27,6 +27,8 @@ def design_of(reference: ReferenceMap, lanes: int = 8) -> Design:
         trust and sum are for the user.
     lanes : int
         P, which a map does not say.
+    gains : int, optional
+        Instead of the map's, which a core of the hardware may not have.
 
     Raises
     ------
@@ -42,6 +44,8 @@ def design_of(reference: ReferenceMap, lanes: int = 8) -> Design:
             "without --jumps"
         )
     code, bits = _code_of(reference)
+    if gains is not None and settings.matching == "filter":
+        settings = settings.replaced({"gains": gains}, "a design")
     return design_by(
         settings,
         width=reference.pixel_map.sensor.width,
@@ -66,7 +70,7 @@ def design_by(settings: Settings, **others: Any) -> Design:
         "tau_us": settings.tau_us,
         "matching": settings.matching,
         "places_per_window": settings.window_parts if filters else 1,
-        "gains": 1,  # of a computer alone: several
+        "gains": settings.gains if filters else 1,
         "restart": settings.filter_restart,
         "exclusion": settings.exclusion_places,
     }

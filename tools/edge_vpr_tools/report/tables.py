@@ -36,8 +36,10 @@ class TableView:
     #: out.
     only: Mapping[str, str]
     columns: Sequence[str] = ()  #: Columns, in this order; by default all.
-    #: Column whose values become columns, each with the only other measured column.
+    #: Column whose values become columns, for each measured column; those without a value are left
+    #: out.
     across: str | None = None
+    titles: Sequence[str] = ()  #: Header of the table, instead of the names of its columns.
 
     @classmethod
     def parse(cls, text: str) -> TableView:
@@ -46,12 +48,13 @@ class TableView:
         Examples
         --------
         >>> TableView.parse("drives = Brisbane; columns = method, P@100R")
-        TableView(only={'drives': 'Brisbane'}, columns=('method', 'P@100R'), across=None)
+        TableView(only={'drives': 'Brisbane'}, columns=('method', 'P@100R'), across=None, titles=())
         """
         pairs = (part.partition("=") for part in text.split(";") if part.strip())
         only = {key.strip(): value.strip() for key, _, value in pairs}
-        columns = tuple(map(str.strip, only.pop("columns").split(","))) if "columns" in only else ()
-        return cls(only, columns, only.pop("across", None))
+        lists = (only.pop(name, "").split(",") for name in ("columns", "titles"))
+        columns, titles = (tuple(filter(None, map(str.strip, one))) for one in lists)
+        return cls(only, columns, only.pop("across", None), titles)
 
 
 def with_tables(page: str, folder: Path) -> str:
@@ -124,8 +127,6 @@ def table_of(rows: Sequence[Row], view: TableView | None = None) -> str:
     named = [name for name in shown if name in names]
     measured = [name for name in shown if name not in names]
     across = view.across
-    if across is not None and len(measured) != 1:
-        raise UsageError(f"{len(measured)} measured columns beside {across!r}: name one to show")
     # of each row of the page: trials by the value across it
     joined: dict[tuple[str, ...], dict[str, list[Row]]] = {}
     for row in rows:
@@ -143,7 +144,15 @@ def table_of(rows: Sequence[Row], view: TableView | None = None) -> str:
         ]
         for key, group in joined.items()
     ]
-    return markdown_table([*named, *(values if across else measured)], body)
+    titles = [*named, *measured]
+    if across is not None:
+        single_one = len(measured) == 1
+        titles = named + [v if single_one else f"{v}, {m}" for v in values for m in measured]
+        kept = [i for i in range(len(titles)) if any(row[i] != NOTHING for row in body)]
+        titles, body = [titles[i] for i in kept], [[row[i] for i in kept] for row in body]
+    if view.titles and len(view.titles) != len(titles):
+        raise UsageError(f"{len(view.titles)} titles for {len(titles)} columns: {titles}")
+    return markdown_table(view.titles or titles, body)
 
 
 def mean_and_deviation(cells: Sequence[str]) -> str:
