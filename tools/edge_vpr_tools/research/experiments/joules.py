@@ -59,7 +59,7 @@ def measure(draw: Draw) -> Iterator[Row]:
     for pixels in PIXELS:
         design = Design(
             width=346, height=260, pixels=pixels, places=PLACES, matching="filter",
-            code="contrast", places_per_window=2,
+            code="contrast", places_per_window=2, gains=7,
         )  # fmt: skip
         for name, rate in product(names(), EVENTS_PER_S):
             target, mission = find(name), Mission(rate, pixels / (346 * 260), 1.0)
