@@ -153,14 +153,14 @@ RUNS = [
     ("experiment codes --data {f} --seeds 1 --with hog", 2),
     # 2: calibration alone writes a table, and drives a dozen streets for it
     ("experiment codes --data {f} --seeds 1 --table {f}", 2),
-    ("sweep {f}/sweep.toml -o {f}/swept --workers 1", 0),
-    ("sweep {f}/sweep.toml -o {f}/swept --workers 1 --retry-failed", 0),
+    ("sweep {f}/sweep.toml -o {f}/swept.csv --workers 1 --overwrite", 0),
+    ("sweep {f}/sweep.toml --output {f}/swept.csv --workers 1 --resume", 0),
     # 2: an address without a port
-    ("sweep {f}/sweep.toml -o {f}/swept --scheduler nowhere", 2),
-    ("compare {f}/swept -o {f}/compared --json", 0),
+    ("sweep {f}/sweep.toml -o {f}/swept.csv --resume --scheduler nowhere", 2),
+    ("compare {f}/swept.csv -o {f}/compared --json", 0),
     # 2: these runs differ in no setting
-    ("compare {f}/swept -o {f}/compared --overwrite --over pixels", 2),
-    ("compare {f}/swept -o {f}/compared --overwrite --figures pdf,svg --measure Recall@1", 0),
+    ("compare {f}/swept.csv -o {f}/compared --overwrite --over pixels", 2),
+    ("compare {f}/swept.csv -o {f}/compared --overwrite --figures pdf,svg --measure Recall@1", 0),
     ("completion bash", 0),
     ("demo -o {f}/demo --overwrite", 0),
 ]  # fmt: skip

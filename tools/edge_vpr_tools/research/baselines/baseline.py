@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import math
-import time
-from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, Protocol, TypeVar, cast
+from typing import Any, Protocol, cast
 
 import numpy as np
 import numpy.typing as npt
@@ -21,6 +19,7 @@ from edge_vpr.matching.place_filter import PATIENCE, PATIENCE_SMOOTHED, PlaceFil
 from edge_vpr.matching.prediction import TransitionCosts, Transitions
 from edge_vpr.matching.sequences import BestSequences, sequence_matches, sequence_sums
 from edge_vpr.settings import Settings
+from edge_vpr_tools.sweep.trial import fastest
 
 # Interface of the systems that the method is compared with.
 
@@ -89,10 +88,6 @@ class VectorBaseline:
 _BITS = 30
 #: the same for the place filter, whose spread of distances must stay below 2 to the power of 16
 _FILTER_BITS = 12
-#: how often the same work is timed; work that takes longer than `_LONG_S` once less
-_REPETITIONS, _LONG_S = 3, 1.0
-
-T = TypeVar("T")
 
 
 @dataclass(frozen=True, eq=False)
@@ -126,22 +121,6 @@ def compare(baseline: Baseline, reference: Images, queries: Images) -> Compared:
         baseline.operations_per_place(places) * len(places),
         1e6 * (describe_s + compare_s) / len(queries),
     )
-
-
-def fastest(work: Callable[[], T]) -> tuple[T, float]:
-    """Do the same work three times, and return its result and the shortest time in seconds.
-
-    What a first call compiles, and other programs on the computer, can only make it slower. Work of
-    more than a second is done twice.
-    """
-    shortest = math.inf
-    for repetition in range(_REPETITIONS):
-        start = time.perf_counter()
-        result = work()
-        shortest = min(shortest, time.perf_counter() - start)
-        if repetition == _REPETITIONS - 2 and shortest > _LONG_S:
-            break
-    return result, shortest
 
 
 def match_distances(

@@ -22,7 +22,6 @@ from edge_vpr.recordings import open_recording
 from edge_vpr.settings import PRESETS
 from edge_vpr.simulation import simulate_pair
 from edge_vpr_tools.research.baselines import Baseline, compare, open_baseline
-from edge_vpr_tools.research.baselines.baseline import fastest
 from edge_vpr_tools.research.baselines.selected_pixels import SelectedPixels
 from edge_vpr_tools.research.datasets import PublishedDrive, PublishedPair, published_pairs
 from edge_vpr_tools.research.experiments.drives import LENGTH_M
@@ -41,6 +40,7 @@ from edge_vpr_tools.research.intensity import (
     open_intensity,
     simulated_images,
 )
+from edge_vpr_tools.sweep.trial import fastest
 
 # Drives of the user that have intensity frames.
 #

@@ -27,7 +27,6 @@ from edge_vpr.settings import PRESETS, Settings
 from edge_vpr_tools.console import warning
 from edge_vpr_tools.report.tables import TableView
 from edge_vpr_tools.research.baselines import Baseline, baseline_names, compare, open_baseline
-from edge_vpr_tools.research.baselines.baseline import fastest
 from edge_vpr_tools.research.baselines.selected_pixels import SelectedPixels
 from edge_vpr_tools.research.experiments.drives import contests
 from edge_vpr_tools.research.experiments.experiment import CHOSEN_ON, Draw, Experiment, Row, Rows
@@ -41,6 +40,7 @@ from edge_vpr_tools.research.experiments.nulls import (
 )
 from edge_vpr_tools.research.experiments.pairs import INNER, CountedPair, inner_share, rates
 from edge_vpr_tools.research.experiments.plots import dots
+from edge_vpr_tools.sweep.trial import fastest
 
 # How a matrix of distances becomes matches.
 

@@ -19,10 +19,10 @@ from edge_vpr.matching.matches import Matches
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.settings import PRESETS, Settings
 from edge_vpr_tools.research.baselines import map_all_pixels
-from edge_vpr_tools.research.baselines.baseline import fastest
 from edge_vpr_tools.research.experiments.experiment import CHOSEN_ON, Draw, Drives, Experiment, Row
 from edge_vpr_tools.research.experiments.nulls import BY_AUTHORS, BY_US, null_rows
 from edge_vpr_tools.research.experiments.pairs import INNER, MappedPair, Pair, inner_share
+from edge_vpr_tools.sweep.trial import fastest
 
 #: matching of the default: the place filter with contrast codes
 DEFAULT_MATCHING = {

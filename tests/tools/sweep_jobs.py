@@ -7,21 +7,12 @@ import signal
 from pathlib import Path
 
 
-def double(job):
-    return 2 * job
+def double(number):
+    return 2 * number
 
 
-def kill_worker_once(job):
-    """End this process without a word, the first time that the job's file is not there."""
-    number, folder = job
-    mark = Path(folder) / f"{number}"
-    if number == 3 and not mark.exists():
-        mark.touch()
-        os.kill(os.getpid(), signal.SIGKILL)
-    return number
-
-
-def kill_worker_always(number):
+def kill_worker(number):
+    """End the worker of the third job without a word."""
     if number == 3:
         os.kill(os.getpid(), signal.SIGKILL)
     return number
@@ -41,14 +32,12 @@ def lack_a_library(number):
     return number
 
 
-def slow_trial(trial):
+def slow(number):
     """Take a while, so that the worker can be killed meanwhile."""
     import time
 
-    from edge_vpr_tools.research.sweep.plan import run_trial
-
     time.sleep(0.3)
-    return run_trial(trial)
+    return number
 
 
 def wait_for_ever(folder):

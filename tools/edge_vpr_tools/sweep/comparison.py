@@ -6,10 +6,11 @@ curves over a setting, and a table in LaTeX.
 
 from __future__ import annotations
 
+import json
 import re
 import textwrap
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -22,13 +23,19 @@ from edge_vpr.errors import UsageError, did_you_mean, printable
 from edge_vpr.files import replacing
 from edge_vpr.results import RUN, read_record, run_record, write_json
 from edge_vpr.settings import SETTING_FIELDS, Settings
-from edge_vpr_tools.console import shell_word
+from edge_vpr_tools.console import shell_word, table
 from edge_vpr_tools.report.style import CYCLE, figure, legend_below, look, name_label, save
 from edge_vpr_tools.report.tables import markdown_table, write_spreadsheet
-from edge_vpr_tools.research.sweep import MEASURES, SHARES
-from edge_vpr_tools.research.sweep.plan import sweep_store
-from edge_vpr_tools.research.trials import SWEEP, ListedTrial
+from edge_vpr_tools.sweep import MEASURES, SHARES
+from edge_vpr_tools.sweep.table import SETTINGS, Line, read_lines
 
+#: columns of a row's names
+_HEAD = ("run", "variant", "drives", "tolerance", "seeds")
+#: measures that a terminal has room for
+_SHOWN = (
+    *("precision_at_100_recall", "recall_at_99_precision", "average_precision"),
+    *("queries", "packed_bytes_per_window", "microseconds_per_match"),
+)
 #: shown with thousands and without decimals
 _WHOLE = ("queries", "packed_bytes_per_window", "differences_per_match")
 #: more rows than this are illegible in one figure
@@ -40,18 +47,15 @@ _REMEDY = "evaluate it again"
 class Row:
     """One variant on one pair of drives."""
 
-    run: str  #: Name of the run's folder; its path if two folders have the same name.
+    run: str  #: Name of the run's folder or file; its path if two have the same name.
     #: variant, drives: empty for a single match.
     variant: str
     drives: str
     tolerance: str = ""  #: By which the shares are, with its unit, where it is known.
     values: Mapping[str, tuple[float, ...]]  #: Values of `MEASURES`, one for each seed.
-    failed: int = 0  #: Number of seeds without a result.
     seeds: tuple[int, ...] = ()  #: Seed of each value.
     #: By the names of `edge_vpr.settings.Settings`; empty if there is no result.
     settings: Mapping[str, Any] = field(default_factory=dict)
-    #: Name of a baseline, which uses some of the settings; empty for the method itself.
-    system: str = ""
 
     @property
     def name(self) -> str:
@@ -81,19 +85,21 @@ def rows_of(runs: Sequence[Path]) -> list[Row]:
     Raises
     ------
     UsageError
-        If a folder is neither, or a file in it is damaged.
+        If one is neither, or a file is damaged.
     """
-    found: list[Row] = []
+    rows: list[Row] = []
     last = [run.resolve().name for run in runs]
     for run, short in zip(runs, last, strict=True):
         name = short if last.count(short) == 1 else str(run)
-        if (run / SWEEP).is_file():
-            found += _of_sweep(run, name)
+        if run.is_file():
+            rows += _of_sweep(run, name)
         elif (run / results.METRICS).is_file():
-            found += _of_match(run, name)
+            rows += _of_match(run, name)
         else:
-            raise UsageError(f"{run} is no run: name a folder of edge-vpr sweep or edge-vpr match")
-    return found
+            raise UsageError(
+                f"{run} is no run: name a file of edge-vpr sweep, or a folder of edge-vpr match"
+            )
+    return rows
 
 
 def draw(rows: Sequence[Row], measure: str = "precision_at_100_recall") -> Figure:
@@ -153,41 +159,32 @@ class _Metrics:
 
 
 def _of_sweep(run: Path, name: str) -> list[Row]:
-    store = sweep_store(run)
-    groups: dict[tuple[str, str], list[ListedTrial]] = {}
-    for one in store.listed():
-        groups.setdefault((one.variant, one.drives), []).append(one)
-    rows = []
-    for (variant, drives), listed in groups.items():
-        known = [
-            (one.seed, *stored) for one in listed if (stored := store.stored(one.key)) is not None
-        ]
-        last = known[-1][1] if known else None
-        settings = {}
-        if last is not None:
-            source = f"{run}: the trial of {variant}"
-            settings = Settings.from_dict(last.settings, source).to_dict()
-        for i in range(1 + (len(known[-1][2].others) if known else 0)):
-            measured = [
-                asdict(found)
-                | ({} if i == 0 else asdict(found.others[i - 1]))
-                | {"differences_per_match": found.operations}
-                for _, _, found in known
-            ]
-            rows.append(
-                Row(
-                    run=name,
-                    variant=variant,
-                    drives=drives,
-                    tolerance=measured[-1]["tolerance"] if measured else "",
-                    values={each: tuple(float(one[each]) for one in measured) for each in MEASURES},
-                    failed=len(listed) - len(known),
-                    seeds=tuple(seed for seed, *_ in known),
-                    settings=settings,
-                    system=(last and last.system) or "",
-                )
-            )
-    return rows
+    groups: dict[tuple[str, str, str], list[Line]] = {}
+    for line in read_lines(run):
+        key = line["variant"], line["drives"], line["tolerance"]
+        groups.setdefault(key, []).append(line)
+    return [
+        Row(
+            run=name,
+            variant=variant,
+            drives=drives,
+            tolerance=tolerance,
+            values={each: tuple(float(line[each]) for line in lines) for each in MEASURES},
+            seeds=tuple(int(line["seed"]) for line in lines),
+            settings=Settings.from_dict(
+                {key: _value(lines[0][key]) for key in SETTINGS}, f"{run}: {variant}"
+            ).to_dict(),
+        )
+        for (variant, drives, tolerance), lines in groups.items()
+    ]
+
+
+def _value(word: str) -> object:
+    """Return the number or truth value that a word of a setting stands for, or the word."""
+    try:
+        return json.loads(word)
+    except ValueError:
+        return word
 
 
 def _of_match(run: Path, name: str) -> list[Row]:
@@ -236,14 +233,14 @@ def digits_of(measure: str) -> int:
     return 0 if measure in _WHOLE else 3 if measure in list(MEASURES)[:SHARES] else 1
 
 
-def _cells(row: Row) -> list[str]:
+def _cells(row: Row, measures: Sequence[str] = tuple(MEASURES)) -> list[str]:
     cells = []
-    for name in MEASURES:
+    for name in measures:
         mean, spread = row.mean(name), row.spread(name)
         digits = digits_of(name)
         if np.isnan(mean):
             cells.append("-")
-        elif np.isnan(spread):
+        elif np.isnan(spread) or (spread == 0 and name in _WHOLE):
             cells.append(f"{mean:,.{digits}f}")
         else:
             cells.append(f"{mean:,.{digits}f} ± {spread:,.{digits}f}")
@@ -256,14 +253,27 @@ _MARKUP = re.compile(r"[\\`*<>&|\[\]~]|(?<!\w)_|_(?!\w)")
 
 def markdown(rows: Sequence[Row]) -> str:
     """Return a table as Markdown: means, and their spread if there are several seeds."""
-    head = ["run", "variant", "drives", "tolerance", "seeds", *MEASURES.values()]
-    lines = []
-    for row in rows:
-        counted = f"{row.number}" + (f" ({row.failed} failed)" if row.failed else "")
-        lines.append([row.run, row.variant, row.drives, row.tolerance, counted, *_cells(row)])
+    lines = [[*_names(row), *_cells(row)] for row in rows]
     # names come from files: they are text, neither Markdown, HTML nor escape sequences
     cells = [[_MARKUP.sub(r"\\\g<0>", printable(cell, 200)) for cell in line] for line in lines]
-    return markdown_table(head, cells) + "\n"
+    return markdown_table([*_HEAD, *MEASURES.values()], cells) + "\n"
+
+
+def show(rows: Sequence[Row]) -> None:
+    """Print the main measures as a table; a name that all rows share stands in its title."""
+    columns = dict(zip(_HEAD, zip(*map(_names, rows), strict=True), strict=True))
+    shared = [name for name, cells in columns.items() if name != "variant" and len(set(cells)) == 1]
+    apart = [name for name in columns if name not in shared]
+    named = zip(*(columns[name] for name in apart), strict=True)
+    table(
+        [*apart, *(MEASURES[name] for name in _SHOWN)],
+        [[*names, *_cells(row, _SHOWN)] for names, row in zip(named, rows, strict=True)],
+        title=", ".join(f"{name} {columns[name][0]}" for name in shared if columns[name][0]),
+    )
+
+
+def _names(row: Row) -> list[str]:
+    return [row.run, row.variant, row.drives, row.tolerance, f"{row.number}"]
 
 
 # Over drives: means, differences from the first variant, and their intervals.
@@ -311,16 +321,14 @@ def differing_settings(rows: Sequence[Row]) -> list[str]:
 
 def spreadsheet_of(rows: Sequence[Row]) -> tuple[list[str], list[list[str | float | None]]]:
     """Return heading and cells of a spreadsheet: a line for each result, a column a setting."""
-    head = ["run", "variant", "system", "drives", "tolerance", "seed"]
-    head += [field.key for name, field in SETTING_FIELDS.items() if name != "seed"]
-    head += list(MEASURES)
+    head = ["run", "variant", "drives", "tolerance", "seed", *SETTINGS, *MEASURES]
     lines: list[list[str | float | None]] = []
     for row in rows:
         words = [_word(row.settings, name) for name in SETTING_FIELDS if name != "seed"]
         for i, seed in enumerate(row.seeds):
             values = [row.values[name] for name in MEASURES]
             measured = [of[i] if i < len(of) else None for of in values]
-            named = [row.run, row.variant, row.system, row.drives, row.tolerance]
+            named = [row.run, row.variant, row.drives, row.tolerance]
             lines.append([*named, seed, *words, *measured])
     return head, lines
 
