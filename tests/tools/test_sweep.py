@@ -24,7 +24,7 @@ from edge_vpr_tools.sweep import SHARES, comparison
 from edge_vpr_tools.sweep.comparison import draw, rows_of, write_comparison
 from edge_vpr_tools.sweep.plan import read_plan
 from edge_vpr_tools.sweep.table import read_lines
-from edge_vpr_tools.sweep.trial import trial
+from edge_vpr_tools.sweep.trial import fastest, trial
 from edge_vpr_tools.workers import cluster, error_text, mapped, processes
 from matplotlib.figure import Figure
 from streams import random_events
@@ -690,3 +690,18 @@ def test_a_sweep_judges_by_several_tolerances_and_matches_once(plan_file, tmp_pa
     assert [one.difference is None for one in found] == [True, True, False, False, False, False]
     write_comparison(tmp_path, rows, ["svg"], "recall_at_5", over="pixels")
     assert "tolerance" in (tmp_path / "compare.tex").read_text()
+
+
+@pytest.mark.parametrize(
+    ("ticks", "expected"),
+    [
+        ((0.0, 0.5, 1.0, 1.2, 2.0, 2.9), (3, pytest.approx(0.2))),
+        # work that takes longer than a second is done twice
+        ((0.0, 5.0, 10.0, 12.0), (2, 2.0)),
+    ],
+)
+def test_the_time_of_the_quickest_of_some_is_taken(monkeypatch, ticks, expected):
+    clock = iter(ticks)
+    monkeypatch.setattr("edge_vpr_tools.sweep.trial.time.perf_counter", lambda: next(clock))
+    done = []
+    assert fastest(lambda: done.append(1) or len(done)) == expected
