@@ -85,10 +85,10 @@ bench: $(call STAMP,bench)
 	$(BIN)/python tools/site/tables.py
 
 # tables and figures of the pages: all experiments that need no downloads, and with DATA=DIR those on recorded drives;
-# trials that docs/results/.trials holds already are not run again
+# RESUME=--resume goes on after an interrupt
 SEEDS ?= 5
 results: $(call STAMP,test)
-	$(BIN)/edge-vpr experiment all -o docs/results --seeds $(SEEDS) $(if $(DATA),--data $(DATA))
+	$(BIN)/python -m lab all -o docs/results --seeds $(SEEDS) $(if $(DATA),--data $(DATA)) $(RESUME)
 	$(BIN)/python tools/site/tables.py
 
 clean:

@@ -21,7 +21,7 @@ from edge_vpr.errors import MapError, UsageError
 from edge_vpr.events import TIME_LIMIT_US
 from edge_vpr.settings import Settings
 
-#: Tables learnt on simulated streets by `experiment calibration --table`, see docs/trust.md: for
+#: Tables learnt on simulated streets by `python -m lab calibration --table`, see docs/trust.md: for
 #: live matches, and for smoothed drives.
 DEFAULT_TABLES = "default_confidence.json"
 LIVE, SMOOTHED = "live", "smoothed"

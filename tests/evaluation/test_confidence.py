@@ -12,7 +12,9 @@ import naive
 import numpy as np
 import pytest
 from edge_vpr_tools.cli import main
-from edge_vpr_tools.research.experiments.calibration import (
+from hypothesis import given
+from hypothesis import strategies as st
+from lab.experiments.calibration import (
     Sample,
     carried_off,
     sample,
@@ -21,9 +23,7 @@ from edge_vpr_tools.research.experiments.calibration import (
     with_detour,
     without_places,
 )
-from edge_vpr_tools.research.experiments.pairs import MappedPair
-from hypothesis import given
-from hypothesis import strategies as st
+from lab.pairs import MappedPair
 from streams import Drive, descriptors, random_events
 
 from edge_vpr import LiveSession

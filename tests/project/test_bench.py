@@ -15,6 +15,7 @@ PARTS = {"conftest.py", "table.py", "robot_program.py"}
 #: arguments of the smallest run, and what is printed at its end
 SMALLEST = {
     "byte_to_match.py": (["--matches", "9", "--rates", "2000"], "in the reader of `stream`: "),
+    "gaps.py": (["--seeds", "1", "--length", "40"], "smoothed recording,cut out,4,"),
     "soak.py": (["--minutes", "0.02"], "the device itself was late by "),
 }
 RACES = """

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import argparse
 import csv
 import json
 import os
@@ -18,8 +17,8 @@ from typing import Any
 import numpy as np
 import pytest
 from edge_vpr_tools.cli import VerbParser, find_verb, main
-from edge_vpr_tools.commands import experiment
 from edge_vpr_tools.report.tables import with_tables
+from lab.__main__ import parser
 from streams import Drive, random_events
 
 from edge_vpr.events import Sensor
@@ -271,13 +270,11 @@ def test_every_picture_and_table_of_docs_is_on_a_page():
 
 def test_only_who_names_the_published_results_replaces_them():
     """A user's experiment writes elsewhere; the commands of the list, and make, name the folder."""
-    parser = argparse.ArgumentParser()
-    experiment.add_arguments(parser)
-    assert not parser.parse_args(["simulated"]).output.startswith("docs")
+    assert not parser().parse_args(["simulated"]).output.startswith("docs")
     with (ROOT / "docs/results/files.csv").open(newline="") as file:
         commands = [row["command"] for row in csv.DictReader(file)]
     commands += (ROOT / "Makefile").read_text().splitlines()
-    commands = [command for command in commands if "edge-vpr experiment" in command]
+    commands = [command for command in commands if "python -m lab" in command]
     assert len(commands) > 10
     assert [command for command in commands if "-o docs/results" not in command] == []
 

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from edge_vpr_tools.cli import main
-from edge_vpr_tools.research.baselines import baseline_names, compare, open_baseline
+from lab.baselines import baseline_names, compare, open_baseline
 from streams import Drive, random_events
 
 from edge_vpr.descriptors.pixels import PixelMap

@@ -21,7 +21,7 @@ ROOT = Path(__file__).parents[2]
 #: packages whose exports the reference lists
 PACKAGES = (
     "edge_vpr.recordings", "edge_vpr.simulation", "edge_vpr.live.protocols",
-    "edge_vpr_tools.research.baselines", "firmware_model", "firmware_model.vectors", "fixedpoint",
+    "lab.baselines", "firmware_model", "firmware_model.vectors", "fixedpoint",
 )  # fmt: skip
 
 

@@ -28,7 +28,7 @@ from edge_vpr_tools.cli import (
     takes_value,
 )
 from edge_vpr_tools.console import Verbosity, in_flags, verbosity
-from edge_vpr_tools.research.intensity import open_intensity
+from lab.intensity import open_intensity
 from streams import random_events
 
 import edge_vpr
@@ -77,7 +77,6 @@ def refused(capsys, *words):
         ("profile compre a b", "unexpected argument 'compre': did you mean compare?"),
         ("match a.npz b.npz c.npz -o d", "unexpected argument 'c.npz'"),
         ("--vresion", "no flag --vresion: did you mean --version?"),
-        ("experiment speck-walk", "did you mean speck-walks?"),
         ("map a.npz -o b.npz --tau -1s", "--tau: '-1s': expected a time"),
         ("map a.npz -o b.npz --tau=-1s", "--tau: '-1s': expected a time"),
         ("map a.npz -o b.npz -L -5", "sequence_length = -5: expected 1 or more"),

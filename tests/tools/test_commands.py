@@ -7,16 +7,11 @@ import os
 import re
 import shlex
 import shutil
-from dataclasses import replace
-from functools import partial
 from unittest.mock import Mock
 
 import numpy as np
 import pytest
 from edge_vpr_tools.cli import main
-from edge_vpr_tools.research.experiments import EXPERIMENTS, fixed_number, rivals
-from edge_vpr_tools.research.experiments.experiment import Drives, Experiment, open_experiment
-from edge_vpr_tools.research.experiments.plots import dots
 from streams import random_events, write_drives
 
 from edge_vpr.archive import write_archive
@@ -176,7 +171,6 @@ MAP = "map {d}/reference.npz -o {t}/map.npz"
         ("map {t}/none.npz -o {t}/map.npz", 1, "none.npz"),
         ("evaluate {t}/none --ground-truth x.npy --rows query", 1, "run edge-vpr match first"),
         ("evaluate {d}/results --ground-truth x.npy", 2, "--rows reference or --rows query"),
-        ("experiment speck-walks --data {t}", 2, "--data"),
     ],
 )
 def test_wrong_use_is_one_line_and_leaves_nothing(line, code, says, drive, capsys, tmp_path):
@@ -262,88 +256,6 @@ def test_a_map_of_another_version(drive, capsys, tmp_path, monkeypatch):
     monkeypatch.undo()
     arguments = ("match", tmp_path / "map.npz", drive / "query.npz", "-o", tmp_path / "results")
     refused(capsys, *arguments, code=1, says="schema version 99 and this edge-vpr reads version")
-
-
-#: what an experiment says of a folder without drives
-WITHOUT = {
-    "speck-walks": "two walks with a Speck, 128 x 128, in short frames",
-    **dict.fromkeys(("codes", "mount-shift", "trust"), "records/10494919"),
-}
-
-
-@pytest.mark.parametrize("name", EXPERIMENTS)
-def test_an_experiment_says_where_its_data_come_from(name, capsys, tmp_path):
-    arguments = ("experiment", name, "--data", tmp_path, "-o", tmp_path)
-    if not open_experiment(name).reads_data:
-        refused(capsys, *arguments, code=2, says=f"experiment {name} reads no --data: leave it out")
-    elif name in WITHOUT:
-        refused(capsys, *arguments, code=2, says=WITHOUT[name])
-    arguments = ("experiment", name, "--data", tmp_path / "none")
-    refused(capsys, *arguments, code=2, says="none is not a folder: name the one that holds")
-
-
-def declared(name, ran):
-    """An experiment on two drives, which notes what it measures."""
-
-    def measure(draw):
-        ran.append((draw.pair, draw.seed, draw.systems))
-        for system in ("one", "two"):
-            yield {"system": system, "P@100R": 0.5 + draw.seed / 10, "change": -0.25}
-
-    return Experiment(
-        drives=lambda data: [
-            Drives("street", lambda seed: f"{name} {seed}", varied=True),
-            Drives("given", lambda seed: name, drawn=False),
-        ],
-        names=("system",),
-        measure=measure,
-        figure=partial(dots, measures=("P@100R",), row="system"),
-        takes_systems=name == "rivals",
-    )
-
-
-def test_experiments_are_written_and_no_trial_is_run_twice(capsys, tmp_path, monkeypatch):
-    ran = []
-    for module, name in ((rivals, "rivals"), (fixed_number, "fixed-number")):
-        monkeypatch.setattr(module, "EXPERIMENT", declared(name, ran))
-    results = ("--workers", "1", "-o", str(tmp_path / "results"))
-    arguments = ["experiment", "rivals", "fixed-number", "--seeds", "2", *results]
-    assert main(arguments) == 0
-    shown = capsys.readouterr().out
-    assert "rivals:\n\nstreet, ± over 2 seeds:\n\n| system | P@100R | change |" in shown
-    assert "| one | 0.550 ± 0.071 | -0.250 ± 0.000 |" in shown and "fixed-number:\n" in shown
-    assert len(ran) == 2 * 3
-    written = (tmp_path / "results/rivals.csv").read_text().splitlines()
-    assert (
-        written[:2] == ["drives,system,seed,P@100R,change", "street,one,0,0.5,-0.25"]
-        and len(written) == 7
-    )
-    assert (tmp_path / "results/rivals.svg").read_text().count("<svg ") == 1
-    # a third seed is all that is new
-    ran.clear()
-    assert main([*arguments[:-6], "--seeds", "3", *results]) == 0
-    assert [draw[:2] for draw in ran] == [("rivals 2", 2), ("fixed-number 2", 2)]
-    ran.clear()
-    systems = ["--with", "hog", "--with", "model:a.onnx"]
-    assert main(["experiment", "rivals", "--seeds", "1", *systems, *results]) == 0
-    assert [draw[2] for draw in ran] == [("hog", "model:a.onnx")] * 2
-    capsys.readouterr()
-    # before any of them is run
-    refused(capsys, "experiment", "fixed-number", "--with", "hog", code=2, says="leave --with out")
-
-
-def test_a_trial_that_fails_is_named_and_the_others_are_kept(capsys, tmp_path, monkeypatch):
-    def measure(draw):
-        if draw.pair == "rivals 1":
-            raise ValueError("no luck")
-        yield {"system": "one", "P@100R": 0.5}
-
-    failing = replace(declared("rivals", []), measure=measure)
-    monkeypatch.setattr(rivals, "EXPERIMENT", failing)
-    arguments = ("experiment", "rivals", "--seeds", "2", "--workers", "1", "-o", tmp_path / "out")
-    refused(capsys, *arguments, code=1, says="rivals, street, seed 1: internal error, ValueError")
-    assert len(list((tmp_path / "out/.trials/results").iterdir())) == 2
-    assert not (tmp_path / "out/rivals.csv").exists()
 
 
 def test_an_interrupt_leaves_nothing_half_written(drive, capsys, tmp_path, monkeypatch):

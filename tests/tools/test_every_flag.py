@@ -6,7 +6,6 @@ A flag without a run fails the first test: add it to `RUNS`.
 from __future__ import annotations
 
 import json
-from dataclasses import replace
 from functools import partial
 
 import h5py
@@ -14,8 +13,6 @@ import numpy as np
 import pytest
 from edge_vpr_tools import cli
 from edge_vpr_tools.cli import GENERAL_FLAGS, VERBS, find_verb
-from edge_vpr_tools.research.experiments import codes
-from edge_vpr_tools.research.experiments.experiment import Drives
 from streams import random_events
 
 from edge_vpr.events import Sensor
@@ -146,21 +143,14 @@ RUNS = [
     ("profile trace {f}/profile/profile.json {f}/meter.csv --voltage 5 --time time_s:s "
      "--current power_w:a --first-load 1", (0, 2)),
     ("profile trace {f}/profile/profile.json {f}/meter.csv --power power_w", (0, 2)),
-    ("experiment codes --data {f} --seeds 1 --workers 1 -o {f}/codes", 0),
-    ("experiment codes --data {f} --seeds 1 --workers 1 --output {f}/codes", 0),
-    ("experiment codes --data {f} --seeds 1 --dry-run", 0),
-    # 2: rivals and frames alone compare systems, and drive streets for it
-    ("experiment codes --data {f} --seeds 1 --with hog", 2),
-    # 2: calibration alone writes a table, and drives a dozen streets for it
-    ("experiment codes --data {f} --seeds 1 --table {f}", 2),
-    ("sweep {f}/sweep.toml -o {f}/swept --workers 1", 0),
-    ("sweep {f}/sweep.toml -o {f}/swept --workers 1 --retry-failed", 0),
+    ("sweep {f}/sweep.toml -o {f}/swept.csv --workers 1 --overwrite", 0),
+    ("sweep {f}/sweep.toml --output {f}/swept.csv --workers 1 --resume", 0),
     # 2: an address without a port
-    ("sweep {f}/sweep.toml -o {f}/swept --scheduler nowhere", 2),
-    ("compare {f}/swept -o {f}/compared --json", 0),
+    ("sweep {f}/sweep.toml -o {f}/swept.csv --resume --scheduler nowhere", 2),
+    ("compare {f}/swept.csv -o {f}/compared --json", 0),
     # 2: these runs differ in no setting
-    ("compare {f}/swept -o {f}/compared --overwrite --over pixels", 2),
-    ("compare {f}/swept -o {f}/compared --overwrite --figures pdf,svg --measure Recall@1", 0),
+    ("compare {f}/swept.csv -o {f}/compared --overwrite --over pixels", 2),
+    ("compare {f}/swept.csv -o {f}/compared --overwrite --figures pdf,svg --measure Recall@1", 0),
     ("completion bash", 0),
     ("demo -o {f}/demo --overwrite", 0),
 ]  # fmt: skip
@@ -232,7 +222,6 @@ def folder(tmp_path_factory):
     Design(width=16, height=12, pixels=3, places=4, length=2).save(folder / "design.toml")
     (folder / "none.csv").write_text("event,0,0,0\n")
     (folder / "meter.csv").write_text("time_s,power_w\n0,1\n1,2\n2,1\n")
-    (folder / "speck_indoor").mkdir()
     monitor = folder / "board/sys/class/hwmon/hwmon2"
     monitor.mkdir(parents=True)
     for name, text in {"name": "ina226", "power1_input": 2_000_000, "shunt_resistor": 10_000,
@@ -241,19 +230,10 @@ def folder(tmp_path_factory):
     return folder
 
 
-def rows_of_codes(draw):
-    for bits in (1, 3):
-        row = {"code": "logarithm", "bits": bits}
-        yield {**row, "P@100R": 0.5, "bytes per place": bits}
-
-
 @pytest.fixture
 def small_loads(monkeypatch):
     """Short streets: what those give is the matter of other tests."""
     monkeypatch.setattr("firmware_model.vectors.standard_suites", lambda *unused: {})
-    pairs = [Drives(name, lambda seed: None) for name in "ab"]
-    declared = replace(codes.EXPERIMENT, drives=lambda data: pairs, measure=rows_of_codes)
-    monkeypatch.setattr(codes, "EXPERIMENT", declared)
     monkeypatch.setattr("edge_vpr_tools.report.traverse.write_report", lambda *unused, **more: None)
     street = partial(simulate_pair, length_m=60.0)
     monkeypatch.setattr("edge_vpr.simulation.simulate_pair", street)

@@ -85,7 +85,6 @@ GROUPS: dict[str, dict[str, str]] = {
     },
     "this program": {
         "doctor": "check this machine: libraries, kernels, ports, sensors; show what is missing",
-        "experiment": "reproduce a result of the documentation",
         "completion": "print a script by which a shell completes commands and flags",
     },
 }

@@ -257,17 +257,14 @@ EXTRAS = {
     "firmware": "compiling and emulating the reference firmware",
     "pandas": "tables of matches (Matches.to_frame)",
     "dask": "sweep --scheduler",
-    "baselines": "histograms of oriented gradients in experiment rivals",
-    "models": "networks in ONNX and safetensors files as baselines",
-    "torch": "weights as PyTorch saves them",
     "hardware": "placing the hardware core on an ECP5, and its bench in Python",
 }
 #: extras for work on edge-vpr, and those that only gather others
-NOT_CHECKED = ("formats", "docs", "test", "bench")
+NOT_CHECKED = ("formats", "docs", "test", "bench", "lab", "torch")
 #: extras that cannot be installed on a processor, and why
 NO_WHEELS = {
     ("tonic", "aarch64"): "tonic needs expelliarmus, which has no wheel for aarch64; "
-    "edge_vpr_tools.research.datasets reads the same files without it",
+    "lab.datasets reads the same files without it",
 }
 
 

@@ -121,7 +121,7 @@ STAGES = {
     "baselines": Stage(
         "Other systems",
         "Methods to compare with, behind one interface.",
-        packages=("edge_vpr_tools.research.baselines",),
+        packages=("lab.baselines",),
     ),
     "firmware_model": Stage(
         "The model of a device",

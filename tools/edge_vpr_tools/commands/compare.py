@@ -13,19 +13,19 @@ from edge_vpr_tools.flags import (
     add_output_flags,
     figure_formats,
 )
-from edge_vpr_tools.research.sweep import MEASURES
+from edge_vpr_tools.sweep import MEASURES
 
 EXAMPLES = """\
-  edge-vpr compare pixels
-  edge-vpr compare pixels tuesday -o compared --figures pdf,svg
-  edge-vpr compare pixels -o curves --over pixels --measure R@99P"""
+  edge-vpr compare pixels.csv
+  edge-vpr compare pixels.csv tuesday -o compared --figures pdf,svg
+  edge-vpr compare pixels.csv -o curves --over pixels --measure R@99P"""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add this command's arguments."""
     parser.add_argument(
         "runs", metavar="RUN", nargs="+",
-        help="folder that edge-vpr sweep wrote, or folder of matches that were evaluated",
+        help="file that edge-vpr sweep wrote, or folder of matches that were evaluated",
     )  # fmt: skip
     output = add_output_flags(
         parser,
@@ -50,12 +50,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> None:
     """Print the table, and write it with the figure if asked."""
     from edge_vpr import results
-    from edge_vpr_tools.research.sweep.comparison import (
+    from edge_vpr_tools.sweep.comparison import (
         LEAST,
         comparison_record,
         lacks_intervals,
-        markdown,
         rows_of,
+        show,
         write_comparison,
     )
 
@@ -69,8 +69,7 @@ def run(args: argparse.Namespace) -> None:
     measure = next(name for name, heading in MEASURES.items() if heading == args.measure)
     if args.json:
         print(results.json_text(comparison_record(rows)))
-    for line in markdown(rows).splitlines():
-        summary(line)
+    show(rows)
     if output is not None:
         with results.results_folder(output, args.overwrite) as folder:
             write_comparison(folder, rows, formats, measure, args.over)

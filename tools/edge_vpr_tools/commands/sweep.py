@@ -1,4 +1,4 @@
-"""`edge-vpr sweep`: run variants x drives x seeds, each only once."""
+"""`edge-vpr sweep`: run variants x drives x seeds."""
 
 from __future__ import annotations
 
@@ -8,19 +8,23 @@ from pathlib import Path
 
 from edge_vpr.errors import EdgeVprError, UsageError
 from edge_vpr_tools.console import number_of, status, summary, warning
+from edge_vpr_tools.flags import add_output_flags
 
 EXAMPLES = """\
-  edge-vpr sweep sweep.toml -o pixels --workers 4
-  edge-vpr sweep sweep.toml -o pixels --scheduler tcp://10.0.0.1:8786
-  edge-vpr sweep sweep.toml -o pixels --retry-failed"""
+  edge-vpr sweep sweep.toml -o pixels.csv --workers 4
+  edge-vpr sweep sweep.toml -o pixels.csv --scheduler tcp://10.0.0.1:8786
+  edge-vpr sweep sweep.toml -o pixels.csv --resume"""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add this command's arguments."""
     parser.add_argument("plan", metavar="SWEEP.toml", help="plan with variants, drives and seeds")
-    parser.add_argument_group("output").add_argument(
-        "-o", "--output", metavar="DIR", required=True,
-        help="folder of the results; results that it has already are not computed again",
+    output = add_output_flags(
+        parser, "FILE.csv", "file of the results, a row for each, written as they come"
+    )
+    output.add_argument(
+        "--resume", action="store_true",
+        help="go on with the file: leave out trials that it has, by variant, drives and seed",
     )  # fmt: skip
     group = parser.add_argument_group("workers")
     group.add_argument(
@@ -31,49 +35,55 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--scheduler", metavar="ADDRESS",
         help="run on the Dask cluster of this scheduler instead, for example tcp://10.0.0.1:8786",
     )  # fmt: skip
-    group.add_argument("--retry-failed", action="store_true", help="try again what failed before")
 
 
 _MOST_SHOWN = 5
 
 
 def run(args: argparse.Namespace) -> None:
-    """Run the missing trials, and print the table of all."""
-    from edge_vpr_tools.research.sweep.comparison import markdown, rows_of
-    from edge_vpr_tools.research.sweep.plan import read_plan, run_trial, sweep_store
-    from edge_vpr_tools.research.trials import cluster, compute, failures, processes
+    """Run the trials, append the rows of each to the file as it ends, and print all."""
+    import edge_vpr
+    from edge_vpr.results import check_new_file
+    from edge_vpr_tools.sweep.comparison import rows_of, show
+    from edge_vpr_tools.sweep.plan import read_plan, run_trial
+    from edge_vpr_tools.sweep.table import appending, remaining
+    from edge_vpr_tools.workers import cluster, error_text, mapped, processes
 
     if args.workers is not None and args.scheduler is not None:
         raise UsageError("--workers are of this machine, --scheduler of a cluster: leave one out")
-    plan, store = read_plan(Path(args.plan)), sweep_store(Path(args.output))
+    if args.resume and args.overwrite:
+        raise UsageError("--resume goes on with the file, --overwrite replaces it: leave one out")
+    plan, output = Path(args.plan), Path(args.output)
+    if output.suffix != ".csv":
+        raise UsageError(f"output {output} does not end in .csv: name it for example pixels.csv")
+    trials = read_plan(plan)
+    check_new_file(output, [plan], args.overwrite or args.resume)
+    if args.overwrite:
+        output.unlink(missing_ok=True)
+    left = remaining(trials, output) if output.exists() else trials
     if args.scheduler is not None:
         started = cluster(args.scheduler)
     else:
         started = processes(os.cpu_count() or 1 if args.workers is None else args.workers)
-    with store.opened(), started as workers, status("hashing the inputs") as show:
-        done = compute(
-            plan.trials(),
-            run_trial,
-            store,
-            workers,
-            retry_failed=args.retry_failed,
-            progress=lambda n, of, failed: show(
-                f"{n} of {of} trials" + (f", {failed} failed" if failed else "")
-            ),
-        )
-    for line in markdown(rows_of([store.folder])).splitlines():
-        summary(line)
-    trials = number_of(done.trials, "trial")
-    summary(
-        f"{store.folder}: {trials}, {done.different} of them different; {done.known} were known, "
-        f"{done.computed} computed now, {done.failed} failed now, by "
-        f"{number_of(done.workers, 'worker')}"
-    )
-    lost = failures(store)
-    for trial, error in lost[:_MOST_SHOWN]:
-        warning(f"{trial.variant}, {trial.drives}, seed {trial.seed} ({trial.key}): {error}")
+    lost: list[str] = []
+    with appending(output) as append, started as workers, status("starting") as say:
+        for number, (trial, found) in enumerate(mapped(workers, run_trial, left), 1):
+            name = f"{trial.variant}, {trial.drives}, seed {trial.settings.seed}"
+            if isinstance(found, Exception):
+                lost.append(f"{name}: {error_text(found)}")
+            elif (version := found[0]["version"]) != edge_vpr.__version__:
+                raise UsageError(
+                    f"a worker has edge-vpr {version}, and this machine {edge_vpr.__version__}: "
+                    "install one version everywhere"
+                )
+            else:
+                append(trial, found)
+            failed = f", {len(lost)} failed" if lost else ""
+            say(f"{number} of {len(left)} trials{failed}")
+    show(rows_of([output]))
+    for line in lost[:_MOST_SHOWN]:
+        warning(line)
+    counted = f"{number_of(len(trials), 'trial')}, {len(left) - len(lost)} of them computed now"
     if lost:
-        raise EdgeVprError(
-            f"{len(lost)} of {trials} failed: {store.folder}/failures says why, and --retry-failed "
-            "computes them again"
-        )
+        raise EdgeVprError(f"{output}: {counted}, {len(lost)} failed: --resume tries these again")
+    summary(f"{output}: {counted}")

@@ -209,7 +209,7 @@ _TABLES = (
 
 @cache
 def tried_designs() -> tuple[Tried, ...]:
-    """Read the accuracy by pixels, bits and places per window (`edge-vpr experiment designs`)."""
+    """Read the accuracy by pixels, bits and places per window (`python -m lab designs`)."""
     shares: dict[tuple[int, int, int], list[tuple[float, int]]] = {}
     table = next(path for path in _TABLES if path.is_file())
     with table.open(encoding="utf-8", newline="") as file:

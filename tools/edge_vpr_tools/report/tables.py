@@ -203,11 +203,12 @@ def write_spreadsheet(
     """
     with replacing(path) as temporary, temporary.open("w", newline="", encoding="utf-8") as file:
         writer = csv.writer(file)
-        writer.writerow(map(_cell, header))
-        writer.writerows(map(_cell, line) for line in lines)
+        writer.writerow(map(spreadsheet_cell, header))
+        writer.writerows(map(spreadsheet_cell, line) for line in lines)
 
 
-def _cell(value: str | float | None) -> str | float:
+def spreadsheet_cell(value: str | float | None) -> str | float:
+    """Return the cell of a spreadsheet, see `write_spreadsheet`."""
     if not isinstance(value, str):
         return "" if value is None else value
     text = printable(value)

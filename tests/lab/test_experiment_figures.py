@@ -1,0 +1,267 @@
+"""Experiments: their tables, and that what is drawn is what the table says."""
+
+from __future__ import annotations
+
+import csv
+import json
+from functools import partial
+from importlib.resources import files
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from edge_vpr_tools.report.figures import precision_recall, reliability_diagram
+from edge_vpr_tools.report.tables import SEED
+from in_process import rows_of
+from lab import drives, plots
+from lab import nulls as nulls_module
+from lab.__main__ import main
+from lab.experiments import (
+    EXPERIMENTS,
+    calibration,
+    places_per_window,
+    simulated,
+    speck_walks,
+    trust,
+)
+from lab.loop import (
+    DRIVES,
+    open_experiment,
+)
+from lab.variants import Variant, variants_experiment
+
+from edge_vpr.confidence import DEFAULT_TABLES, LIVE, LIVE_ON_MAP, SMOOTHED, TABLES
+from edge_vpr.evaluation.calibration import reliability
+from edge_vpr.settings import PRESETS
+from edge_vpr.simulation import simulate_pair
+
+FEW = {"pixels": 10, "sigma": 1.0}
+STREET = partial(simulate_pair, sensor="tiny", length_m=30.0)
+
+
+def nothing(name):
+    """Hear what begins."""
+
+
+def dots(axes):
+    """Return the drawn means of each series of a panel of `plots.dots`."""
+    return [bars[0].get_xdata().tolist() for bars in axes.containers]
+
+
+@pytest.mark.parametrize("name", EXPERIMENTS)
+def test_a_file_of_results_is_as_its_experiment_writes_it(name):
+    """A row for each seed: means that were written by hand, or by an earlier form, have none."""
+    file = Path(__file__).parents[2] / "docs/results" / f"{name}.csv"
+    with file.open(newline="") as lines:
+        table = csv.DictReader(lines)
+        named = [DRIVES, *open_experiment(name).names, SEED]
+        assert list(table.fieldnames or ())[: len(named)] == named
+        assert all(row[SEED].isdigit() for row in table)
+
+
+def test_a_dot_is_the_mean_and_its_bar_the_spread():
+    rows = [
+        {"drives": "d", "row": name, "series": series, "P@100R": value, "R@99P": value}
+        for series in ("x", "y")
+        for name, value in (("a", 0.2), ("a", 0.4), ("a", 0.6), ("$b", 1.0))
+    ]
+    drawing = plots.dots(rows, ("P@100R", "R@99P"), "row", "series")
+    left, right = drawing.axes
+    assert [label.get_text() for label in left.get_yticklabels()] == ["a", r"\$b"]
+    assert (left.get_xlabel(), right.get_xlabel()) == ("P@100R", "R@99P")
+    assert left.get_ylim()[0] > left.get_ylim()[1]  # the first row is at the top
+    assert dots(left) == dots(right) == [[pytest.approx(0.4), 1.0]] * 2
+    heights = [bars[0].get_ydata().tolist() for bars in left.containers]
+    assert heights == [[-0.125, 0.875], [0.125, 1.125]]
+    (bar, point) = left.containers[0].lines[2][0].get_segments()
+    assert np.ptp(bar[:, 0]) == pytest.approx(0.4) and np.ptp(point[:, 0]) == 0
+    assert [text.get_text() for text in drawing.legends[0].get_texts()] == ["x", "y"]
+    assert plots.dots(rows[:4], ("P@100R",), "row").legends == []
+    # drives below each other have rows of their own, and the same colour for a series
+    other = [
+        {**row, "drives": "e, f"} for row in rows if row["row"] == "a" and row["series"] == "y"
+    ]
+    upper, lower = plots.dots([*rows, *other], ("P@100R",), "row", "series", columns=1).axes
+    assert [label.get_text() for label in lower.get_yticklabels()] == ["a"]
+    assert (upper.get_title(), lower.get_title()) == ("d", "e\nf")
+    assert np.isnan(dots(lower)[0]).all() and dots(lower)[1] == [pytest.approx(0.4)]
+
+
+def test_the_null_baselines_of_the_default_follow_it_on_simulated_streets(
+    monkeypatch,
+):
+    monkeypatch.setattr(drives, "simulate_pair", STREET)
+    some = (Variant("few", FEW), Variant("every", FEW, all_pixels=True))
+    declared = variants_experiment(simulated.EXPERIMENT.drives, some, "few", reads_data=False)
+    monkeypatch.setattr(simulated, "EXPERIMENT", declared)
+    rows = rows_of(simulated, None, 2)
+    nulls = ["null: query reversed", nulls_module.CONSTANT_SPEED]
+    for seed in (0, 1):  # the null baselines of the default follow it
+        named = [row["variant"] for row in rows if row["seed"] == seed]
+        assert named[0] == "few" and named[-1] == "every" and set(nulls) < set(named[1:-1])
+    assert rows[0]["bytes per window"] == 10 and rows[0]["operations per query"] % 10 == 0
+    assert {row["parameters chosen on"] for row in rows} == {
+        "its authors", "streets and the real drives", "none",
+    }  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def walks(tmp_path_factory):
+    """Two walks along the same 30 places of a small sensor, a second at each, a little noisy."""
+    data = tmp_path_factory.mktemp("walks")
+    folder = data / "speck_walks"
+    folder.mkdir()
+    rng = np.random.default_rng(3)
+    places = rng.gamma(0.5, 0.6, (30, 16, 16)).repeat(30, axis=0)
+    for name in ("reference", "query"):
+        frames = np.minimum(rng.poisson(places), 255).astype(np.uint8)
+        np.savez(folder / f"{name}.npz", frames=frames)
+    (folder / "ground_truth.csv").write_text("query_frame,reference_frame\n0,0\n900,900\n")
+    return data
+
+
+def test_variants_that_draw_nothing_are_run_once(walks, monkeypatch):
+    top = Variant("top", {**FEW, "strategy": "top"})
+    declared = variants_experiment(speck_walks.EXPERIMENT.drives, (Variant("few", FEW), top), "")
+    monkeypatch.setattr(speck_walks, "EXPERIMENT", declared)
+    rows = rows_of(speck_walks, walks, 2)
+    assert [row["variant"] for row in rows] == ["few", "top", "few"]
+    assert rows[0]["operations per query"] == 10 * 30
+
+
+@pytest.fixture
+def few_streets(monkeypatch):
+    """Streets of 30 m in two lights, with few pixels and windows of one kind."""
+    monkeypatch.setattr(calibration, "simulate_pair", STREET)
+    monkeypatch.setattr(calibration, "PIXELS", (10,))
+    monkeypatch.setattr(calibration, "WINDOWS", ("time",))
+    some = list(calibration.QUERIES.items())[:2]
+    monkeypatch.setattr(calibration, "QUERIES", dict(some))
+    preset = {"default": PRESETS["default"].replaced({"sigma": 1.0}, "test")}
+    monkeypatch.setattr(calibration, "PRESETS", preset)
+
+
+@pytest.mark.usefixtures("few_streets")
+def test_the_calibration_learns_tables_instead_of_judging_them(tmp_path, capsys):
+    assert main(f"calibration --seeds 2 --table {tmp_path}".split()) == 0
+    assert "learnt on 2 streets" in capsys.readouterr().out
+    assert [each.name for each in tmp_path.iterdir()] == [DEFAULT_TABLES]
+    learnt = json.loads((tmp_path / DEFAULT_TABLES).read_text())
+    assert learnt["street_seeds"] == [20, 21]
+    shipped = json.loads(files("edge_vpr").joinpath(DEFAULT_TABLES).read_text())
+    assert list(learnt) == list(shipped)
+    assert list(learnt[TABLES]) == list(shipped[TABLES]) == [LIVE, SMOOTHED]
+    fields = ["right", "off_map", "trust", "probability", "matches"]
+    for made in (learnt, shipped):
+        assert all(list(table) == fields for table in [*made[TABLES].values(), made[LIVE_ON_MAP]])
+        assert made[LIVE_ON_MAP]["off_map"] == 0 < made[TABLES][LIVE]["off_map"]
+    # the same streets, pooled by hand
+    pooled, whole = [], []
+    for seed in (20, 21):
+        street, rng = calibration.open_street(seed), np.random.default_rng((7, seed))
+        beside = calibration.drive_elsewhere(seed)
+        for case, away in calibration.driven(street, beside, places_per_window=1):
+            for name, version in calibration.versions_of(case, away, rng).items():
+                changed = version.with_settings(calibration.MATCHINGS[LIVE])
+                pooled.append(calibration.sample(changed))
+                if name == "whole":
+                    whole.append(pooled[-1])
+    for table, live in ((learnt[TABLES][LIVE], pooled), (learnt[LIVE_ON_MAP], whole)):
+        assert sum(table["matches"]) == sum(one.trust.size for one in live)
+        correct = np.concatenate([one.correct for one in live])
+        assert table["right"] == round(float(correct.mean()), 4)
+
+
+@pytest.mark.usefixtures("few_streets")
+def test_the_calibration_judges_the_shipped_tables_on_streets_that_they_are_not_from(monkeypatch):
+    simulated_seeds = set()
+    monkeypatch.setattr(
+        calibration, "simulate_pair",
+        lambda seed, **drive: simulated_seeds.add(seed) or STREET(seed, **drive),
+    )  # fmt: skip
+    rows = rows_of(calibration, None, 1)
+    first, last = calibration.learnt_seeds()
+    # the one before is a detour's
+    assert simulated_seeds == {999, 1_000} and not first <= 999 <= last
+    by_map = {(row["map"], row["matching"]): row for row in rows}
+    for how in calibration.MATCHINGS:
+        assert {row["map"] for row in rows if row["matching"] == how} >= {
+            "whole", "a piece cut out", "a detour", "carried off twice",
+        }  # fmt: skip
+        assert (
+            by_map["whole", how]["correct"] == by_map["whole", how]["correct of those on the map"]
+        )
+        whole = by_map["whole", how]
+        if how != calibration.LIVE:
+            assert "accepted at 0.99 (stays on map)" not in whole
+            continue
+        assert whole["accepted at 0.99 (stays on map)"] >= whole["accepted at 0.99"]
+        probability = whole["mean probability (stays on map)"]
+        assert whole["mean probability"] < probability < 1
+    assert by_map["a detour", "live"]["AUROC off the map"] is not None
+    assert by_map[calibration.SWITCHED_ON, "live"]["starts"] >= 0
+    assert [panel.get_xlabel() for panel in trust.figure(rows).axes] == [
+        "accepted at 0.99", "precision", "calibration error",
+    ]  # fmt: skip
+
+
+def labels(drawing):
+    """Of the legend, which is outside the axes; its dots are no data."""
+    return [text.get_text() for text in drawing.legends[0].get_texts()[1:]]
+
+
+def test_one_reliability_is_drawn_without_a_name_and_two_with_theirs():
+    rng = np.random.default_rng(0)
+    given = rng.random(200)
+    one = reliability(given, rng.random(200) < given)
+    (axes,) = (drawing := reliability_diagram({"matches": one})).axes
+    error = f"expected calibration error {one.expected_calibration_error:.3f}"
+    assert axes.get_title() == f"Reliability: {error}"
+    assert labels(drawing) == ["200 matches in 10 bins, larger: more"]
+    (axes,) = (drawing := reliability_diagram({"live": one, "smoothed": one})).axes
+    assert axes.get_title() == "Reliability: expected calibration error, larger dots: more"
+    error = f"error {one.expected_calibration_error:.3f}"
+    assert labels(drawing) == [f"{name}: 200 matches, {error}" for name in ("live", "smoothed")]
+
+
+@pytest.mark.parametrize("least", [0.0, 0.5, 0.95, 1.0])
+def test_the_axis_of_precision_goes_from_0_to_1_at_most(least):
+    """And no further down than the curve needs."""
+    curve = SimpleNamespace(recall=np.array([0.0, 1.0]), precision=np.array([1.0, least]))
+    found = SimpleNamespace(
+        curve=curve, precision_at_100_recall=least, recall_at_99_precision=0.0, score="trust",
+        findable=2, recall_denominator="rejected-correct",
+    )  # fmt: skip
+    (axes,) = precision_recall({"a": found}).axes
+    low, high = axes.get_ylim()
+    assert 0.0 <= low <= least and 1.0 <= high <= 1.03
+    assert low > 0.4 or least < 0.5
+    assert axes.get_legend() is None
+    # of the lower of two thresholds, so that the curve leaves 0.99 at R@99P
+    assert axes.lines[0].get_drawstyle() == "steps-pre"
+
+
+def test_half_windows_are_judged_on_whole_drives_and_off_the_map(walks, monkeypatch):
+    """Streets have an odometer too; each drive is cut, and carried off."""
+    monkeypatch.setattr(places_per_window, "simulate_pair", STREET)
+    monkeypatch.setattr(places_per_window, "LIGHTS", {"in other light": "street"})
+    monkeypatch.setattr(places_per_window, "PIXELS", (10,))
+    rows = rows_of(places_per_window, walks, 1)
+    on_street = [row for row in rows if row["drives"].startswith("streets")]
+    # 2 ways to match, 2 maps: whole and two nulls, with and without odometry; cut out, carried off
+    assert len(on_street) == 2 * 2 * (2 * 3 + 2) and len(rows) - len(on_street) == 2 * 2 * 5
+    for row in rows:
+        assert 0 <= row["accepted and correct"] <= row["accepted at 0.99"] <= row["windows"]
+        assert row["bytes of the places"] == row["places"] * 5
+        assert (row["P@100R"] is None) == (
+            row["drive"] in (places_per_window.CUT, places_per_window.CARRIED)
+        )
+    right = [
+        np.mean([row["P@100R (wide)"] for row in rows if row["drive"] == name])
+        for name in ("whole", *places_per_window.NULLS)
+    ]
+    assert right[0] > 2 * max(right[1:])
+    shown = {"odometry": "none", "drive": "whole", "matched": "live"}
+    whole, half = [row["places"] for row in on_street if shown.items() <= row.items()]
+    assert half in (2 * whole - 1, 2 * whole)

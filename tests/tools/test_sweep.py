@@ -1,0 +1,707 @@
+"""Sweeps: each trial once, on this machine or on a cluster; comparisons of what was measured."""
+
+from __future__ import annotations
+
+import csv
+import json
+import os
+import pty
+import re
+import signal
+import subprocess
+import sys
+import time
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
+from dataclasses import asdict, replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import sweep_jobs
+from edge_vpr_tools import cli
+from edge_vpr_tools.sweep import SHARES, comparison
+from edge_vpr_tools.sweep.comparison import draw, rows_of, write_comparison
+from edge_vpr_tools.sweep.plan import read_plan
+from edge_vpr_tools.sweep.table import read_lines
+from edge_vpr_tools.sweep.trial import fastest, trial
+from edge_vpr_tools.workers import cluster, error_text, mapped, processes
+from matplotlib.figure import Figure
+from streams import random_events
+
+from edge_vpr.errors import EdgeVprError, UsageError
+from edge_vpr.events import Sensor
+from edge_vpr.recordings import write_recording
+from edge_vpr.results import run_record, write_json
+from edge_vpr.settings import PRESETS, Settings
+
+ROOT = Path(__file__).parents[2]
+
+PLAN = """
+seeds = [1, 2]
+
+[settings]
+preset = "paper"
+sigma = 1.0
+tau = "100ms"
+
+[grid]
+pixels = [3, 5]
+
+[variants.again]  # the same as pixels=5 under another name
+pixels = 5
+
+[drives.evening]
+reference = "monday.npz"
+query = "tuesday.npz"
+ground_truth = "truth.csv"
+tolerance = 0.2
+"""
+
+
+@pytest.fixture
+def plan_file(tmp_path):
+    rng = np.random.default_rng(0)
+    for name in ("monday", "tuesday"):
+        events = random_events(rng, 2_000, Sensor(16, 12), 1_500_000)
+        write_recording(tmp_path / f"{name}.npz", [events], sensor=Sensor(16, 12))
+    (tmp_path / "truth.csv").write_text("query_s,reference_s\n0,0\n1000,1000\n")
+    (tmp_path / "sweep.toml").write_text(PLAN)
+    return tmp_path / "sweep.toml"
+
+
+@pytest.fixture(autouse=True)
+def workers_of_this_process(monkeypatch):
+    """Processes take two seconds to start; tests that are about them start their own."""
+    monkeypatch.setattr("edge_vpr_tools.workers.processes", lambda count: ThreadPoolExecutor(1))
+
+
+def sweep(plan_file, output, *words, code=0):
+    """Run the command, and return the rows of its file."""
+    assert cli.main(["sweep", str(plan_file), "-o", str(output), *words]) == code
+    return read_lines(output) if output.exists() else []
+
+
+def without_times(lines):
+    return sorted(
+        tuple(cell for name, cell in line.items() if name != "microseconds_per_match")
+        for line in lines
+    )
+
+
+def test_a_plan_is_variants_times_drives_times_seeds(plan_file):
+    trials = read_plan(plan_file)
+    named = [(one.variant, one.drives, one.settings.seed) for one in trials]
+    variants = ("pixels=3", "pixels=5", "again")
+    assert named == [(name, "evening", seed) for name in variants for seed in (1, 2)]
+    assert (trials[0].settings.tau_us, trials[0].settings.pixels) == (100_000, 3)
+    assert trials[0].pair.reference == str(plan_file.parent / "monday.npz")
+
+
+def test_drives_are_read_from_and_up_to_the_seconds_of_the_plan(plan_file):
+    more = 'start = ["0.1", "0"]\nend = [1.0, 1.2]\nsensor = "16x12"\n'
+    plan_file.write_text(PLAN + more)
+    drives = read_plan(plan_file)[0].pair
+    reference, query = drives.open(0), drives.open(1)
+    assert max(chunk["t"].max() for chunk in reference) < 900_000
+    assert 900_000 < max(chunk["t"].max() for chunk in query) < 1_200_000
+    plan_file.write_text(PLAN + f'start_offset = ["{reference.start_us / 1e6:.6f}", "0"]\n')
+    late = read_plan(plan_file)[0].pair.open(0)
+    assert late.start_us == reference.start_us
+
+
+LONG_GRID = f"pixels = {list(range(1, 951))}\nsequence_length = {list(range(1, 1_001))}"
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "words"),
+    [
+        ("[grid]\npixels = [3, 5]", "[grid]\npixels = 3", "give a list of values"),
+        ("pixels = [3, 5]", "pixel = [3, 5]", "did you mean pixels"),
+        ("pixels = [3, 5]", "pixels = [-3]", "grid"),
+        ("seeds = [1, 2]", "seeds = [1, 1]", "different whole numbers"),
+        ("seeds = [1, 2]", "seeds = 0", "different whole numbers"),
+        ("seeds = [1, 2]", "seed = 4", "did you mean seeds"),
+        ("sigma = 1.0", "seed = 1", "name the seeds of all variants"),
+        ("tolerance = 0.2", "tolerances = 0.2", "did you mean tolerance"),
+        ("tolerance = 0.2", 'tolerance = "x"', "tolerance"),
+        ('query = "tuesday.npz"', "", "lacks query"),
+        ("seeds = [1, 2]", "seeds = 1000000", "more than 100,000 trials"),
+        ("pixels = [3, 5]", LONG_GRID, "more than 100,000 trials"),
+        ("pixels = [3, 5]", "pixels = []\nsigma = [1.0]", "give a list of values"),
+        ("[drives.evening]", "[driven.evening]", "did you mean drives"),
+        ("pixels = 5\n", 'system = "hog"\n', "unknown name 'system'"),
+    ],
+)
+def test_a_wrong_plan_is_one_clear_error(old, new, words, plan_file):
+    assert old in PLAN
+    plan_file.write_text(PLAN.replace(old, new))
+    with pytest.raises(UsageError, match=words):
+        read_plan(plan_file)
+
+
+def test_a_sweep_is_resumed_where_its_file_ends(plan_file, tmp_path, capsys):
+    """Stopped after some trials, with a plan that has grown since."""
+    whole = sweep(plan_file, tmp_path / "whole.csv")
+    assert len(whole) == 6
+    some = tmp_path / "some.csv"
+    some.write_text("".join((tmp_path / "whole.csv").read_text().splitlines(True)[:3]))
+    kept = some.read_text()
+    sweep(plan_file, some, code=2)
+    assert f"output {some} exists" in capsys.readouterr().err
+    sweep(plan_file, some, "--resume", "--overwrite", code=2)
+    assert some.read_text() == kept
+    capsys.readouterr()
+    assert without_times(sweep(plan_file, some, "--resume")) == without_times(whole)
+    assert some.read_text().startswith(kept)
+    assert "6 trials, 4 of them computed now" in capsys.readouterr().out
+    plan_file.write_text(PLAN.replace("[3, 5]", "[3, 5, 4]"))
+    assert len(sweep(plan_file, some, "--resume")) == 8
+    assert "8 trials, 2 of them computed now" in capsys.readouterr().out
+    # a file that has other settings under the same name is not gone on with
+    plan_file.write_text(PLAN.replace("sigma = 1.0", "sigma = 2.0"))
+    sweep(plan_file, some, "--resume", code=2)
+    assert "has pixels=3 on evening with sigma = 1, and it is 2 now" in capsys.readouterr().err
+    assert len(sweep(plan_file, some, "--overwrite")) == 6
+
+
+def test_a_trial_is_map_match_and_evaluate_on_two_drives(plan_file, tmp_path):
+    (first, *_) = read_plan(plan_file)
+    (row,) = trial(first.settings, first.pair)
+    (line, *_) = sorted(sweep(plan_file, tmp_path / "out.csv"), key=lambda line: line["seed"])
+    for name in list(comparison.MEASURES)[:9]:
+        assert float(line[name]) == row[name]
+    assert row["tolerance"] == line["tolerance"] == "0.2 s"
+    gone = replace(first.pair, query=str(tmp_path / "none.npz"))
+    with pytest.raises(UsageError, match=r"none\.npz is not there"):
+        trial(first.settings, gone)
+
+
+def test_a_failed_trial_stops_no_other_and_is_tried_again(plan_file, tmp_path, capsys):
+    plan_file.write_text(PLAN.replace("pixels = [3, 5]", "sequence_length = [3, 50]"))
+    lines = sweep(plan_file, tmp_path / "out.csv", code=1)
+    assert {line["variant"] for line in lines} == {"sequence_length=3", "again"}
+    said = capsys.readouterr().err
+    assert "sequence_length=50, evening, seed 2: a sequence of 50 windows does not fit" in said
+    assert "6 trials, 4 of them computed now, 2 failed: --resume tries these again" in said
+    sweep(plan_file, tmp_path / "out.csv", "--resume", code=1)
+    assert "6 trials, 0 of them computed now, 2 failed" in capsys.readouterr().err
+    (tmp_path / "monday.npz").rename(tmp_path / "moved.npz")
+    assert sweep(plan_file, tmp_path / "none.csv", code=1) == []
+
+
+def test_a_file_takes_one_sweep_at_a_time_and_is_never_somebody_elses(plan_file, tmp_path, capsys):
+    from edge_vpr_tools.sweep.table import appending
+
+    with (
+        appending(tmp_path / "out.csv"),
+        pytest.raises(UsageError, match="another sweep writes"),
+        appending(tmp_path / "out.csv"),
+    ):
+        pass
+    truth = tmp_path / "truth.csv"
+    before = truth.read_bytes()
+    sweep(plan_file, tmp_path / "out.txt", code=2)
+    assert "does not end in .csv" in capsys.readouterr().err
+    assert cli.main(["sweep", str(plan_file), "-o", str(truth), "--resume"]) == 2
+    assert "truth.csv is not the file of a sweep" in capsys.readouterr().err
+    assert truth.read_bytes() == before
+
+
+@pytest.mark.parametrize(
+    "damage",
+    [lambda text: text[:-9], lambda text: text + "x\n", lambda text: text.replace(",10.0,", ",,")],
+)
+def test_a_damaged_row_is_named(plan_file, tmp_path, capsys, damage):
+    out = tmp_path / "out.csv"
+    sweep(plan_file, out)
+    out.write_text(damage(out.read_text()))
+    assert cli.main(["compare", str(out)]) == 2
+    assert re.search(
+        r"out\.csv, row \d lacks a column or a number: delete", capsys.readouterr().err
+    )
+
+
+def test_an_error_of_a_job_is_one_line_and_a_dead_worker_ends_the_run(tmp_path):
+    with processes(2) as workers:
+        ended = dict(mapped(workers, sweep_jobs.double, range(6)))
+        assert ended == {number: 2 * number for number in range(6)}
+        ended = dict(mapped(workers, sweep_jobs.refuse, range(6)))
+        assert error_text(ended.pop(3)) == "internal error, ValueError: three is refused"
+        assert ended == {number: number for number in (0, 1, 2, 4, 5)}
+        ended = dict(mapped(workers, sweep_jobs.lack_a_library, range(6)))
+        assert "needs the library no_library, which is not" in error_text(ended[3])
+    with (
+        pytest.raises(EdgeVprError, match=r"a worker died.* fewer --workers, with --resume"),
+        processes(2) as workers,
+    ):
+        list(mapped(workers, sweep_jobs.kill_worker, range(6)))
+    with pytest.raises(UsageError, match="1 or more"), processes(0):
+        pass
+
+
+@pytest.mark.parametrize("whole_group", [False, True])
+def test_an_interrupt_ends_a_sweep_at_once_and_keeps_what_is_finished(
+    plan_file, tmp_path, whole_group
+):
+    """It waited for the running trials, and workers printed tracebacks on a terminal."""
+    plan_file.write_text(PLAN.replace("seeds = [1, 2]", "seeds = 500"))
+    out = tmp_path / "out.csv"
+    words = [sys.executable, "-m", "edge_vpr_tools.cli", "sweep", plan_file, "-o", out]
+    with subprocess.Popen(
+        [*words, "--workers", "2"], start_new_session=True, text=True,
+        stdout=subprocess.PIPE, stderr=subprocess.PIPE,
+    ) as run:  # fmt: skip
+        end = time.monotonic() + 60
+        while time.monotonic() < end and (not out.exists() or out.read_text().count("\n") < 4):
+            time.sleep(0.05)
+        (os.killpg if whole_group else os.kill)(run.pid, signal.SIGINT)
+        sent = time.monotonic()
+        _, said = run.communicate(timeout=60)
+        assert time.monotonic() - sent < 5
+    assert run.returncode == 130
+    assert said.count("\n") == 1 and "interrupted" in said
+    finished = read_lines(out)
+    assert 3 <= len(finished) < 1_500
+
+
+def test_a_table_on_a_terminal_is_no_markdown(plan_file, tmp_path):
+    sweep(plan_file, tmp_path / "out.csv")
+    main, other = pty.openpty()
+    words = [sys.executable, "-m", "edge_vpr_tools.cli", "compare", tmp_path / "out.csv"]
+    with subprocess.Popen(words, stdout=other, env={**os.environ, "TERM": "dumb"}) as run:
+        os.close(other)
+        said = b""
+        with suppress(OSError):  # a closed terminal
+            while chunk := os.read(main, 4_096):
+                said += chunk
+    os.close(main)
+    assert run.returncode == 0
+    text = said.decode()
+    assert "run out.csv, drives evening, tolerance 0.2 s, seeds 2" in text.replace("\r\n", " ")
+    assert "pixels=3" in text and "| --- |" not in text
+
+
+@pytest.mark.parametrize("number", [signal.SIGHUP, signal.SIGTERM, signal.SIGKILL])
+def test_workers_end_with_the_process_that_started_them(tmp_path, number):
+    """They stayed for ever, busy or not."""
+    code = (
+        "import sweep_jobs\n"
+        "from edge_vpr_tools.workers import processes\n"
+        "with processes(2) as workers:\n"
+        "    workers.submit(sweep_jobs.double, 1).result()\n"
+        f"    workers.submit(sweep_jobs.wait_for_ever, {str(tmp_path)!r})\n"
+        f"    workers.submit(sweep_jobs.wait_for_ever, {str(tmp_path)!r}).result()\n"
+    )
+    paths = f"{ROOT}:{ROOT / 'tools'}:{ROOT / 'tests/tools'}"
+    # what is left of the run keeps the pipe open
+    with subprocess.Popen(
+        [sys.executable, "-c", code], env={**os.environ, "PYTHONPATH": paths},
+        stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, start_new_session=True,
+    ) as run:  # fmt: skip
+        try:
+            end = time.monotonic() + 60
+            while len(list(tmp_path.iterdir())) < 2 and time.monotonic() < end:
+                time.sleep(0.05)
+            assert len(list(tmp_path.iterdir())) == 2
+            run.send_signal(number)
+            out, _ = run.communicate(timeout=60)
+            assert out == b""
+            assert run.returncode == -number
+        finally:
+            with suppress(ProcessLookupError):
+                os.killpg(run.pid, signal.SIGKILL)
+
+
+@pytest.fixture(scope="module")
+def scheduler():
+    distributed = pytest.importorskip("distributed", reason="Dask is an extra (dask)")
+    with distributed.LocalCluster(
+        n_workers=2, threads_per_worker=1, dashboard_address=None, host="127.0.0.1"
+    ) as made:
+        yield made.scheduler_address
+
+
+def test_a_cluster_measures_what_this_machine_measures(plan_file, tmp_path, scheduler):
+    near = sweep(plan_file, tmp_path / "near.csv")
+    far = tmp_path / "far.csv"
+    words = ["sweep", str(plan_file), "-o", str(far), "--scheduler", scheduler]
+    assert cli.main(words) == 0
+    assert without_times(read_lines(far)) == without_times(near)
+    lines = far.read_text().splitlines(True)
+    far.write_text("".join(lines[:4]))
+    assert cli.main([*words, "--resume"]) == 0
+    assert without_times(read_lines(far)) == without_times(near)
+
+
+def test_a_worker_of_a_cluster_may_die_and_a_job_may_fail(scheduler):
+    import distributed
+
+    killed = []
+    with cluster(scheduler) as workers:
+        for number, result in mapped(workers, sweep_jobs.slow, range(8)):
+            assert number == result
+            if not killed:
+                with distributed.Client(scheduler, set_as_default=False) as client:
+                    killed.append(next(iter(client.run(os.getpid).values())))
+                os.kill(killed[0], signal.SIGKILL)
+        ended = dict(mapped(workers, sweep_jobs.refuse, range(6)))
+    assert killed
+    assert error_text(ended.pop(3)).startswith("internal error, ValueError: three")
+    assert ended == {number: number for number in (0, 1, 2, 4, 5)}
+
+
+def test_the_page_starts_no_cluster_that_listens_to_strangers():
+    """Dask runs what it is sent; by default it listens on all networks."""
+    page = (Path(__file__).parents[2] / "docs/sweep.md").read_text()
+    commands = re.findall(r"^.*\bdask (scheduler|worker) (.*)$", page, re.MULTILINE)
+    assert len(commands) == 4
+    for program, words in commands:
+        assert "--host 127.0.0.1" in words or "--tls-ca-file" in words
+        assert ("--dashboard-address 127.0.0.1:" in words) == (program == "scheduler")
+
+
+def test_a_scheduler_that_is_not_there_is_named(monkeypatch):
+    pytest.importorskip("distributed", reason="Dask is an extra (dask)")
+    monkeypatch.setattr("edge_vpr_tools.workers._TIMEOUT_S", 0.5)
+    with (
+        pytest.raises(UsageError, match="no Dask scheduler answers"),
+        cluster("tcp://127.0.0.1:9"),
+    ):
+        pass
+
+
+def a_match(folder, costs=None, **changed):
+    """Write the records of an evaluated match, with a setting changed."""
+    folder.mkdir()
+    shares = dict.fromkeys(list(comparison.MEASURES)[:3], 0.5)
+    metrics = {"evaluation": shares | {"recall_at": {"1": 0.5}, "queries": 9}, **(costs or {})}
+    (folder / "metrics.json").write_text(json.dumps(metrics))
+    write_json(folder / "run.json", run_record({"seed": 1, "tau_us": 5} | changed, []))
+    return folder
+
+
+@pytest.mark.parametrize(
+    "changed",
+    [{"seed": None}, {"tau_us": 0.5}],
+)
+def test_a_changed_record_of_a_match_is_named(tmp_path, capsys, changed):
+    run = a_match(tmp_path / "run", **changed)
+    assert cli.main(["compare", str(run), "-o", str(tmp_path / "out")]) == 2
+    said = capsys.readouterr().err.strip()
+    assert "\n" not in said
+    assert f"run.json: setting {next(iter(changed))}" in said.replace("tau =", "tau_us =")
+
+
+@pytest.mark.parametrize(
+    ("name", "at", "value", "says"),
+    [
+        ("run.json", ["command"], 3, "command is 3: expected a list"),
+        ("run.json", ["settings"], [1], "settings holds a list"),
+        ("metrics.json", ["evaluation"], [0.5], "evaluation holds a list"),
+        ("metrics.json", ["evaluation", "recall_at"], {"1": "x"}, "recall_at.1 is 'x'"),
+        ("metrics.json", ["evaluation", "average_precision"], 10**400, "expected a smaller number"),
+        ("metrics.json", ["evaluation"], {}, "evaluation lacks precision_at_100_recall"),
+        ("metrics.json", ["packed_bytes_per_place"], True, "expected an integer"),
+    ],
+)
+def test_a_field_of_a_wrong_type_ends_a_comparison_in_one_line(
+    tmp_path, capsys, name, at, value, says
+):
+    run = a_match(tmp_path / "run")
+    changed = json.loads((run / name).read_text())
+    place = changed
+    for step in at[:-1]:
+        place = place[step]
+    place[at[-1]] = value
+    (run / name).write_text(json.dumps(changed))
+    assert cli.main(["compare", str(run)]) == 2
+    said = capsys.readouterr().err.strip()
+    assert "\n" not in said
+    assert f"run/{name}: " in said
+    assert says in said
+
+
+@pytest.mark.parametrize(
+    ("preset", "changes", "differences", "size"),
+    [
+        ("paper", {}, 5 * 7, 3),
+        ("paper", {"polarity": True}, 2 * 5 * 7, 3),  # a pixel has two counters
+        ("default", {"places_per_window": 2}, 5 * 7, 2 * 3),
+    ],
+)
+def test_costs_of_a_match_count_counters_and_the_places_of_a_window(
+    tmp_path, preset, changes, differences, size
+):
+    costs = {"pixels": 5, "places": 7, "packed_bytes_per_place": 3, "queries": 2, "matching_s": 0.5}
+    settings = PRESETS[preset].replaced(changes, "test").to_dict()
+    (row,) = rows_of([a_match(tmp_path / "run", costs, **settings)])
+    assert row.values["differences_per_match"] == (differences,)
+    assert row.values["packed_bytes_per_window"] == (size,)
+    assert row.values["microseconds_per_match"] == (250_000,)
+    assert row.values["queries"] == (9,)  # that were judged
+
+
+def test_what_a_run_does_not_say_of_a_setting_is_its_default(tmp_path):
+    """A comparison over it ended in an internal error."""
+    runs = [a_match(tmp_path / "a", pixels=9), a_match(tmp_path / "b")]
+    words = [*map(str, runs), "-o", str(tmp_path / "out"), "--over", "pixels"]
+    assert cli.main(["compare", *words]) == 0
+    lines = (tmp_path / "out/compare.csv").read_text().splitlines()
+    column = lines[0].split(",").index("pixels")
+    assert [line.split(",")[column] for line in lines[1:]] == ["9", str(Settings().pixels)]
+
+
+def test_a_name_of_a_folder_is_text_in_markdown(tmp_path, capsys):
+    run = a_match(tmp_path / "<img src=x>|[a](b)`_c_d_e")
+    assert cli.main(["compare", str(run), "-o", str(tmp_path / "out")]) == 0
+    page = (tmp_path / "out/compare.md").read_text()
+    assert r"| \<img src=x\>\|\[a\](b)\`\_c_d_e |" in page
+
+
+@pytest.mark.slow
+def test_the_commands_sweep_and_compare(plan_file, tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr("edge_vpr_tools.workers.processes", processes)
+    swept, output = tmp_path / "out.csv", tmp_path / "compared"
+    words = f"sweep {plan_file} -o {swept} --workers 1".split()
+    assert cli.main(words) == 0
+    said = capsys.readouterr().out
+    assert "run out.csv, drives evening, tolerance 0.2 s, seeds 2" in said
+    assert "6 trials, 6 of them computed now" in said
+
+    command = f"match {tmp_path}/map.npz {tmp_path}/tuesday.npz -o {tmp_path}/alone --no-figures"
+    assert cli.main(
+        f"map {tmp_path}/monday.npz -o {tmp_path}/map.npz --preset paper --pixels 5 --sigma 1 "
+        "--tau 100ms --seed 1".split()
+    ) == 0  # fmt: skip
+    assert cli.main(command.split()) == 0
+    capsys.readouterr()
+    assert cli.main(f"compare {tmp_path}/alone".split()) == 2
+    assert "is not evaluated" in capsys.readouterr().err
+    truth = f"--ground-truth {tmp_path}/truth.csv --tolerance 0.2"
+    assert cli.main(f"evaluate {tmp_path}/alone {truth}".split()) == 0
+    runs = f"compare {swept} {tmp_path}/alone -o {output} --figures pdf,svg"
+    assert cli.main(runs.split()) == 0
+    names = {path.name for path in output.iterdir()}
+    kinds = {f"compare.{kind}" for kind in ("csv", "json", "md", "pdf", "svg", "tex")}
+    assert names == kinds | {"compare_means.csv", "run.json"}
+    with (output / "compare.csv").open() as file:
+        lines = list(csv.DictReader(file))
+    assert [(line["variant"], line["pixels"], line["seed"]) for line in lines] == [
+        *(("pixels=3", "3", seed) for seed in "12"), *(("pixels=5", "5", seed) for seed in "12"),
+        ("again", "5", "1"), ("again", "5", "2"), ("", "5", "1"),
+    ]  # fmt: skip
+    assert {line["tau"] for line in lines} == {"100ms"}
+    shares = [line["precision_at_100_recall"] for line in lines]
+    assert shares[2:4] == shares[4:6]
+    capsys.readouterr()
+    over = ["-o", str(tmp_path / "curve"), "--over"]
+    assert cli.main(["compare", str(swept), *over, "pixels", "-q"]) == 0
+    assert cli.main([*words, "--resume", "-q"]) == 0
+    assert capsys.readouterr() == ("", "")
+    assert cli.main(["compare", str(swept), *over, "tau", "--overwrite"]) == 2
+    assert "do not differ in tau: they differ in pixels" in capsys.readouterr().err
+    assert cli.main(["compare", str(swept), "--over", "pixels"]) == 2
+    capsys.readouterr()
+    # the sweep is map, match and evaluate
+    seed_1 = next(row for row in rows_of([swept]) if row.variant == "again")
+    alone = rows_of([tmp_path / "alone"])[0]
+    for measure in list(comparison.MEASURES)[:9]:
+        assert seed_1.values[measure][0] == alone.values[measure][0]
+    places = json.loads((tmp_path / "alone/metrics.json").read_text())["places"]
+    assert alone.values["differences_per_match"] == (5 * places,)
+    capsys.readouterr()
+    assert cli.main(f"compare {tmp_path}".split()) == 2
+    # two runs of one name are told apart, and a name out of a file is no escape sequence
+    swept.write_text(swept.read_text().replace("again", "a\x1b[2J|b"))
+    (tmp_path / "other").mkdir()
+    (tmp_path / "alone").rename(tmp_path / "other/out.csv")
+    capsys.readouterr()
+    both = f"compare {swept} {tmp_path}/other/out.csv -o {output} --overwrite"
+    assert cli.main(both.split()) == 0
+    said, page = capsys.readouterr().out, (output / "compare.md").read_text()
+    assert "\x1b[2J" not in said + page
+    assert f"| {swept} | pixels=3 |" in page
+    assert f"| {tmp_path}/other/out.csv |  |" in page
+    assert r"a\\x1b\[2J\|b" in page  # each mark of Markdown is escaped, too
+
+
+def test_a_name_is_no_formula_of_a_figure_or_a_spreadsheet(tmp_path):
+    """A spreadsheet computes what begins with =, and figures set what stands between dollars."""
+    values = dict.fromkeys(comparison.MEASURES, (0.5, 0.25))
+    rows = [
+        comparison.Row(run=name, variant="@x", drives="d", values=values, seeds=(0, 1))
+        for name in ("=1+1", r"a$\frac{$", "_b", "c\x1b[2J")
+    ]
+    write_comparison(tmp_path, rows, ["svg"], "precision_at_100_recall")
+    with (tmp_path / "compare.csv").open() as file:
+        lines = list(csv.DictReader(file))
+    assert [line["run"] for line in lines[::2]] == ["'=1+1", r"a$\frac{$", "_b", r"c\x1b[2J"]
+    assert {line["variant"] for line in lines} == {"'@x"}
+    assert [line["precision_at_100_recall"] for line in lines[:2]] == ["0.5", "0.25"]
+    assert (tmp_path / "compare.svg").exists()
+
+
+def test_only_the_best_of_many_rows_are_drawn(monkeypatch):
+    monkeypatch.setattr(comparison, "MOST_DRAWN", 3)
+    rows = [
+        comparison.Row(
+            run="r", variant=f"{n}", drives="d", values=dict.fromkeys(comparison.MEASURES, (n, n))
+        )
+        for n in range(5)
+    ]
+    drawing = draw(rows)
+    assert isinstance(drawing, Figure)
+    (axes,) = drawing.axes
+    assert [label.get_text() for label in axes.get_yticklabels()] == [
+        "r, 4, d",
+        "r, 3, d",
+        "r, 2, d",
+    ]
+    assert "the best 3 of 5" in axes.get_title()
+
+
+#: names, levels and numbers of seeds
+DRIVES = (("a", 0.5, 2), ("b", 0.7, 2), ("c", 0.9, 1), ("d", 0.6, 1), ("e", 0.8, 1))
+
+
+def rows_over_drives():
+    """Two variants that differ in their pixels, each on five drives with one or two seeds."""
+    rows = []
+    for pixels, more in ((25, 0.0), (150, 0.1)):
+        settings = asdict(PRESETS["paper"].replaced({"pixels": pixels}, "test"))
+        for drives, level, seeds in DRIVES:
+            values = tuple(level + more + 0.01 * seed for seed in range(seeds))
+            rows.append(
+                comparison.Row(
+                    run="r", variant=f"J={pixels}", drives=drives, seeds=tuple(range(seeds)),
+                    settings=settings,
+                    values=dict.fromkeys(comparison.MEASURES, values),
+                )
+            )  # fmt: skip
+    return rows
+
+
+def test_each_drive_counts_alike_in_a_mean_and_differences_are_of_pairs():
+    """The drives differ more than the variants, so that only pairs show the difference."""
+    measure = "precision_at_100_recall"
+    first, second = comparison.averages(rows_over_drives(), measure)
+    assert (first.drives, first.settings, first.difference) == (5, {"pixels": "25"}, None)
+    assert first.means[measure] == pytest.approx((0.505 + 0.705 + 0.9 + 0.6 + 0.8) / 5)
+    assert second.difference is not None
+    assert second.difference.mean == pytest.approx(0.1)
+    assert second.difference.low == pytest.approx(0.1)
+    assert second.difference.high == pytest.approx(0.1)
+    alone = comparison.averages(rows_over_drives()[4:6], measure)[1]
+    assert alone.difference is None  # no drive in common
+
+
+def test_the_interval_of_a_bootstrap_holds_the_mean_of_most_samples(monkeypatch):
+    monkeypatch.setattr(comparison, "RESAMPLES", 1_000)
+    rng = np.random.default_rng(1)
+    held = 0
+    for _ in range(60):
+        found = comparison.bootstrap(list(rng.normal(0.3, 1.0, (25, 1))))
+        held += found.low <= 0.3 <= found.high
+    assert 50 <= held < 60
+    # four drives, or four seeds of one, are too few
+    for few in ([np.array([0.1, 0.2])] * 4, [np.array([0.1, 0.2, 0.3, 0.4])]):
+        assert np.isnan(comparison.bootstrap(few).low)
+    alone = comparison.bootstrap([np.array([0.1, 0.2, 0.3, 0.4, 0.5])])
+    assert alone.low < alone.mean < alone.high
+
+
+def test_latex_has_a_column_for_each_setting_that_differs_and_escapes_names():
+    rows = rows_over_drives()
+    lines = comparison.latex(comparison.averages(rows, "recall_at_1"), "recall_at_1").split("\n")
+    assert lines[2].startswith(r"pixels & drives & P@100R & R@99P & AP & Recall@1")
+    assert lines[4].startswith("25 & 5 & $0.702$ &") and lines[4].endswith(r"-- \\")
+    assert lines[5].endswith(r"& $+0.100$ [$+0.100$, $+0.100$] \\")
+    assert all(line.count("&") == lines[2].count("&") for line in lines[4:6])
+    same = [replace(row, settings={}, variant="50 %_$x") for row in rows[:3]]
+    assert r"50 \%\_\$x & 3" in comparison.latex(
+        comparison.averages(same, "recall_at_1"), "recall_at_1"
+    )
+
+
+def test_a_curve_over_a_setting_shows_the_means_over_drives():
+    (axes,) = comparison.draw_over(rows_over_drives(), "recall_at_1", "pixels").axes
+    (line,) = axes.get_lines()
+    assert line.get_xdata().tolist() == [25, 150]
+    assert line.get_ydata() == pytest.approx([0.702, 0.802])
+
+
+def test_curves_are_named_by_what_tells_them_apart_in_whole_words():
+    """In several lines, if need be; an interval that is not there is not promised."""
+    rows = []
+    for row in rows_over_drives()[:2] + rows_over_drives()[5:7]:
+        for restart in (4, 8):
+            of = {"filter_restart": restart, "matching": "filter", "smooth": restart == 4}
+            rows.append(replace(row, settings={**row.settings, **of}))
+    (axes,) = (drawing := comparison.draw_over(rows, "recall_at_1", "pixels")).axes
+    assert axes.get_title() == "Mean over drives"
+    labels = [text.get_text() for text in drawing.legends[0].get_texts()]
+    assert len(labels) == 2 and not any("r, " in label or "..." in label for label in labels)
+    (long,) = comparison._apart([("a setting 1",) * 20])
+    assert long.replace("\n", " ") == ", ".join(["a setting 1"] * 20)
+    assert comparison.lacks_intervals(rows, "recall_at_1")
+    assert not comparison.lacks_intervals(rows_over_drives(), "recall_at_1")
+
+
+def test_no_title_of_a_comparison_is_cut():
+    rows = [replace(row, variant="a long name of a variant " * 4) for row in rows_over_drives()]
+    for drawing in (draw(rows, "differences_per_match"),
+                    comparison.draw_over(rows, "differences_per_match", "pixels")):  # fmt: skip
+        drawing.draw_without_rendering()
+        (axes,) = drawing.axes
+        title = axes.title.get_window_extent()
+        assert title.x0 >= 0 and title.x1 <= drawing.bbox.width
+        assert title.y1 <= drawing.bbox.height
+
+
+def test_wrong_use_of_workers_is_refused(plan_file, tmp_path, capsys):
+    words = f"sweep {plan_file} -o {tmp_path}/out.csv --workers 2 --scheduler tcp://x:1"
+    assert cli.main(words.split()) == 2
+    assert "leave one out" in capsys.readouterr().err
+
+
+def test_a_sweep_judges_by_several_tolerances_and_matches_once(plan_file, tmp_path):
+    one = plan_file.read_text()
+    plan_file.write_text(one.replace("tolerance = 0.2", "tolerance = [0.2, 0.5]"))
+    assert len(sweep(plan_file, tmp_path / "several.csv")) == 12
+    rows = sorted(rows_of([tmp_path / "several.csv"]), key=lambda row: (row.variant, row.tolerance))
+    assert [row.tolerance for row in rows] == ["0.2 s", "0.5 s"] * 3
+    for tolerance in ("0.2", "0.5"):
+        plan_file.write_text(one.replace("tolerance = 0.2", f"tolerance = {tolerance}"))
+        sweep(plan_file, tmp_path / f"{tolerance}.csv")
+        alone = {row.variant: row for row in rows_of([tmp_path / f"{tolerance}.csv"])}
+        for row in rows:
+            for measure in list(comparison.MEASURES)[:SHARES]:
+                if row.tolerance == f"{tolerance} s":
+                    single = alone[row.variant]
+                    assert dict(zip(row.seeds, row.values[measure], strict=True)) == dict(
+                        zip(single.seeds, single.values[measure], strict=True)
+                    )
+    assert rows[1].mean("recall_at_1") > rows[0].mean("recall_at_1")
+    assert rows[0].mean("recall_at_10") > rows[0].mean("recall_at_1")
+    found = comparison.averages(rows, "recall_at_5")
+    assert [one.tolerance for one in found] == ["0.2 s", "0.5 s"] * 3
+    # a variant is compared with the first one by the same tolerance
+    assert [one.difference is None for one in found] == [True, True, False, False, False, False]
+    write_comparison(tmp_path, rows, ["svg"], "recall_at_5", over="pixels")
+    assert "tolerance" in (tmp_path / "compare.tex").read_text()
+
+
+@pytest.mark.parametrize(
+    ("ticks", "expected"),
+    [
+        ((0.0, 0.5, 1.0, 1.2, 2.0, 2.9), (3, pytest.approx(0.2))),
+        # work that takes longer than a second is done twice
+        ((0.0, 5.0, 10.0, 12.0), (2, 2.0)),
+    ],
+)
+def test_the_time_of_the_quickest_of_some_is_taken(monkeypatch, ticks, expected):
+    clock = iter(ticks)
+    monkeypatch.setattr("edge_vpr_tools.sweep.trial.time.perf_counter", lambda: next(clock))
+    done = []
+    assert fastest(lambda: done.append(1) or len(done)) == expected

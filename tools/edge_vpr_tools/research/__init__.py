@@ -1,1 +1,0 @@
-"""Comparison of methods: experiments, sweeps, baselines, data sets."""

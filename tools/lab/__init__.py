@@ -1,0 +1,1 @@
+"""Experiments on several methods and data sets: of a clone, and not installed with edge-vpr."""

@@ -1,0 +1,132 @@
+"""Matches per joule by the rate of events: designs of this project, and published figures.
+
+Modelled is the work alone, of one match per second on a route of 1,000 places, with the cited
+constants of ``estimate/energy.toml``; low and high bound their spread. Published figures were
+measured by their authors; what they include differs, and is stated. A measurement on a board of
+your own is `edge-vpr profile`, whose result has the same name, matches per joule.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from itertools import product
+from typing import NamedTuple
+
+from edge_vpr_tools.estimate.model import Mission, sizes
+from edge_vpr_tools.estimate.search import Limits, on_target
+from edge_vpr_tools.estimate.targets import find, names
+from edge_vpr_tools.report.style import BLACK, CYCLE, GREY, figure
+from edge_vpr_tools.report.tables import TableView
+from matplotlib.figure import Figure
+
+from firmware_model.design import Design
+from lab.loop import Draw, Drives, Experiment, Row, Rows
+
+PLACES = 1_000
+EVENTS_PER_S = (10_000, 100_000, 1_000_000)
+PIXELS = (150, 25)
+#: of a measurement: at the rate of events, or of inputs, that its authors had
+OWN_RATE = "its own"
+
+
+class Published(NamedTuple):
+    """Energy of a result of another system in joules, as its authors measured it."""
+
+    system: str
+    device: str
+    includes: str
+    source: str
+    low: float
+    central: float
+    high: float
+
+
+_LENS = "Hines, Milford and Fischer, Science Robotics 2025, doi 10.1126/scirobotics.ads3968"
+_TINY = "MLPerf Tiny v1.3, mlcommons.org, single results without a spread"
+_KEYWORDS = "keyword spotting (another task)"
+PUBLISHED = (
+    # at one match per second
+    Published("LENS", "Speck", "sensor and processor", _LENS, 2.43e-3, 2.674e-3, 3.02e-3),
+    Published("LENS", "Jetson Nano", "what the work adds", _LENS, 0.667, 0.706, 0.748),
+    Published("LENS", "Jetson Nano", "the whole board", _LENS, 4.59, 4.59, 4.59),
+    Published(_KEYWORDS, "Cortex-M4 (STM32L4R5)", "processor", _TINY, 1.431e-3, 1.431e-3, 1.431e-3),
+    Published(_KEYWORDS, "Cortex-M33 (STM32U385)", "processor", _TINY, 2.45e-4, 2.45e-4, 2.45e-4),
+)
+
+
+def measure(draw: Draw) -> Iterator[Row]:
+    """Model the designs on every target whose energy is known, and list what was published."""
+    for pixels in PIXELS:
+        design = Design(
+            width=346, height=260, pixels=pixels, places=PLACES, matching="filter",
+            code="contrast", places_per_window=2, gains=7,
+        )  # fmt: skip
+        for name, rate in product(names(), EVENTS_PER_S):
+            target, mission = find(name), Mission(rate, pixels / (346 * 260), 1.0)
+            of = on_target(design, mission, Limits(target))
+            found = of.cost.matches_per_joule
+            # of the core itself, whose events may come faster than by its SPI line
+            if found is None or of.cost.load.high >= 1:
+                continue
+            yield {
+                "system": f"place filter, {pixels} pixels", "device": target.name,
+                "includes": "what the work adds", "basis": "modelled", "events/s": rate,
+                "matches per joule": found.central, "low": found.low, "high": found.high,
+                "time (ms)": 1e3 * of.cost.load.central / mission.matches_per_s,
+                "memory (KiB)": of.memory.total / 1024,
+                "of it RAM (KiB)": sizes(design).state_bytes / 1024
+                if target.kind == "processor" else None,
+                "source": "edge-vpr estimate --sources",
+            }  # fmt: skip
+    for one in PUBLISHED:
+        yield {
+            "system": one.system, "device": one.device, "includes": one.includes,
+            "basis": "measured", "events/s": OWN_RATE, "matches per joule": 1 / one.central,
+            "low": 1 / one.high, "high": 1 / one.low, "time (ms)": None, "memory (KiB)": None,
+            "of it RAM (KiB)": None, "source": one.source,
+        }  # fmt: skip
+
+
+def draw(rows: Rows) -> Figure:
+    """Draw the default design on each target by the rate of events, and LENS on the Speck.
+
+    Its authors did not publish its rate of events: it is a level.
+    """
+    shown = [row for row in rows if row["system"] == f"place filter, {PIXELS[0]} pixels"]
+    with figure(7.5, 4.2) as (drawing, axes):
+        for color, device in zip(
+            CYCLE, dict.fromkeys(row["device"] for row in shown), strict=False
+        ):
+            of = [row for row in shown if row["device"] == device]
+            at, low, central, high = (
+                [float(row[name]) for row in of]
+                for name in ("events/s", "low", "matches per joule", "high")
+            )
+            axes.plot(at, central, "o-", color=color, label=f"{device}, modelled")
+            axes.fill_between(at, low, high, color=color, alpha=0.15, lw=0)
+        for row in rows:
+            if (row["system"], row["device"]) == ("LENS", "Speck"):
+                axes.axhspan(float(row["low"]), float(row["high"]), color=GREY, alpha=0.3, lw=0)
+                axes.axhline(
+                    float(row["matches per joule"]), color=BLACK, ls="--",
+                    label="LENS on the Speck, measured with\nthe sensor, at its own rate",
+                )  # fmt: skip
+        axes.set(
+            xscale="log", yscale="log", xlabel="events per second of the whole sensor",
+            ylabel="matches per joule",
+        )  # fmt: skip
+        axes.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0), fontsize=9)
+    return drawing
+
+
+EXPERIMENT = Experiment(
+    drives=lambda data: [Drives(f"{PLACES:,} places", lambda seed: None, drawn=False)],
+    names=("system", "device", "includes", "basis", "events/s"),
+    measure=measure,
+    figure=draw,
+    view=TableView(
+        {},
+        ("system", "device", "includes", "basis", "events/s", "matches per joule", "low", "high"),
+    ),
+    reads_data=False,
+)

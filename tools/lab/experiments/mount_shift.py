@@ -1,0 +1,139 @@
+"""A camera whose mounting moved: matches at each shift, of counts and codes, registered and not.
+
+The images of real drives are shifted, and pixels that leave the sensor are lost. Fixed patterns of
+the sensor move along, which they would not do in reality; the registration cancels them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from edge_vpr.descriptors.windows import FixedTime, WindowCounts
+from edge_vpr.errors import UsageError
+from edge_vpr.events import Sensor
+from lab.drives import (
+    INDOOR,
+    PAPER,
+    WALKS,
+    recorded_drives,
+    without_pairs,
+)
+from lab.loop import Draw, Drives, Experiment, Row
+from lab.pairs import Pair, count_drive
+from lab.registration import register
+from lab.variants import DEFAULT_MATCHING, Variant
+
+#: shifts to the right and downwards, in pixels
+SHIFTS = (0, 1, 2, 4, 8)
+_CODED = {"counter_code": "log"}
+
+
+@dataclass(frozen=True)
+class Method(Variant):
+    """Variant by which a shifted drive is matched."""
+
+    registered: bool = False
+
+
+METHODS = (
+    Method("counts"),
+    Method("counts, registered", registered=True),
+    Method("3-bit logarithms", _CODED),
+    Method("3-bit logarithms, registered", _CODED, registered=True),
+    Method("place filter (default)", DEFAULT_MATCHING),
+    Method("place filter, registered", DEFAULT_MATCHING, registered=True),
+    Method("all pixels, counts", all_pixels=True),
+    Method("all pixels, 3-bit logarithms", _CODED, all_pixels=True),
+)
+
+
+class ShiftedWindows:
+    """Windows of a drive, counted at every pixel, with the image shifted.
+
+    Parameters
+    ----------
+    images : ndarray of int, shape (n, height, width)
+        Counts of events at each pixel, for n windows.
+    dx, dy : int
+        Shift to the right and downwards, in pixels.
+    """
+
+    def __init__(
+        self, images: npt.NDArray[np.integer], window_us: int, dx: int = 0, dy: int = 0
+    ) -> None:
+        self.sensor = Sensor(images.shape[2], images.shape[1])
+        self.window_us = window_us
+        self.counted = np.ones(images.shape[1:], dtype=np.bool_)
+        self._images, self._shift = images, (dx, dy)
+
+    def windows(self) -> Iterator[WindowCounts]:
+        """Yield one window an image from the first one on, over all pixels, row by row."""
+        for k, image in enumerate(self._images):
+            counts = shifted(image, *self._shift).astype(np.int64).ravel()
+            start = k * self.window_us
+            yield WindowCounts(counts, start, start + self.window_us, int(counts.sum()))
+
+
+def shifted(image: npt.NDArray[np.integer], dx: int, dy: int) -> npt.NDArray[np.integer]:
+    """Shift an image to the right and downwards; zeros fill the gap, and other pixels are lost."""
+    height, width = image.shape
+    found = np.zeros_like(image)
+    found[max(dy, 0) : height + min(dy, 0), max(dx, 0) : width + min(dx, 0)] = image[
+        max(-dy, 0) : height + min(-dy, 0), max(-dx, 0) : width + min(-dx, 0)
+    ]
+    return found
+
+
+def measure(draw: Draw) -> Iterator[Row]:
+    """Shift the query, and match it by every method.
+
+    Those that draw no pixels are matched once, beside the largest number of pixels.
+    """
+    pair: Pair = draw.pair
+    window_us = pair.settings.tau_us
+    first, second = (
+        count_drive(drive, FixedTime(window_us), bursts=True).images
+        for drive in (pair.reference, pair.query)
+    )
+    reference = ShiftedWindows(first, window_us)
+    every = draw.is_new and pair.settings.pixels == PAPER.pixels
+    for method in METHODS:
+        if not (method.drawn or every):
+            continue
+        mapped = method.map(reference, pair.drawn_with(draw.seed))
+        for shift in SHIFTS:
+            row: dict[str, Any] = {"way": method.name, "shift": shift}
+            query, used = ShiftedWindows(second, window_us, shift, shift), mapped
+            if method.registered:
+                used, found = register(mapped, query)
+                row[OFF] = max(abs(found.dx - shift), abs(found.dy - shift))
+            matched = used.match(query)
+            truth = pair.truth_of(used.places.centre_us, matched.query_time_us)
+            yield {**row, "P@100R": matched.evaluate(truth).precision_at_100_recall}
+
+
+#: error of the estimated shift
+OFF = "shift estimated wrongly by (pixels)"
+
+
+def drives(data: Path | None) -> list[Drives]:
+    """Return the recorded pairs whose images can be shifted."""
+    found = recorded_drives(data, images=True)
+    if not found:
+        raise UsageError(
+            f"no drive with counts at every pixel: {without_pairs(data, [INDOOR, WALKS])}"
+        )
+    return found
+
+
+EXPERIMENT = Experiment(
+    drives=drives,
+    names=("way", "shift"),
+    measure=measure,
+)

@@ -1,0 +1,163 @@
+"""Ablation of the place filter: the filter, its code and its measure of trust, each on its own.
+
+Parameters were chosen on the real drives and on simulated streets of the seeds 0 to 4 and 30 to 49.
+The streets here have other seeds, and light that was not tried before. Each row is evaluated on
+every window that it matches, and on those that sequences of 10 match. Where events were recorded,
+the robot's and the default's maps have places at half windows, as by default; all other rows have
+places at whole windows.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from edge_vpr_tools.report.tables import TableView
+
+from edge_vpr.reference_map import ReferenceMap
+from edge_vpr.route import Odometry
+from edge_vpr.settings import PRESETS
+from edge_vpr.simulation import simulate_pair
+from edge_vpr.simulation.drive import wheel_odometry
+from lab.drives import STREETS, recorded_drives, second_drive
+from lab.loop import (
+    CHOSEN_ON,
+    DRIVES,
+    Draw,
+    Drives,
+    Experiment,
+    Row,
+)
+from lab.nulls import BY_AUTHORS, BY_US, null_rows
+from lab.pairs import (
+    INNER,
+    MappedPair,
+    Pair,
+    inner_share,
+    rates,
+    truth_of_pair,
+)
+
+# Settings that the place filter is compared by.
+
+
+_FILTER = {"matching": "filter"}
+_SMOOTH = {"smooth": True}
+_LOG = {"counter_code": "log"}
+_OWN = {**_LOG, "counter_scaling": "own-mean"}
+_CONTRAST = {**_LOG, "counter_scaling": "contrast"}
+_ROBOT = {**_FILTER, **_CONTRAST}
+PAPER = "sequences of 5, counts (the paper)"
+VARIANTS: Mapping[str, Mapping[str, Any]] = {
+    PAPER: {"sequence_length": 5},
+    "sequences of 5, 3-bit log": {**_LOG, "sequence_length": 5},
+    "sequences of 10, 3-bit log": {**_LOG, "sequence_length": 10},
+    "sequences of 10, own mean": {**_OWN, "sequence_length": 10},
+    "place filter, counts": _FILTER,
+    "place filter, 3-bit log": {**_FILTER, **_LOG},
+}
+ROBOT = "place filter, running mean (robot)"
+BEST = "place filter, contrast, smoothed (default)"
+#: the same with the default's places, which are at half windows where events were recorded
+DEFAULTS: Mapping[str, Mapping[str, Any]] = {
+    ROBOT: _ROBOT,
+    BEST: {**_FILTER, **_CONTRAST, **_SMOOTH},
+}
+AT_WHOLE = ", places at whole windows"
+#: windows of the longest sequences
+LONGEST = 10
+FIRST_SEED = 10
+PIXELS = (25, 150)
+PRECISION = 0.99
+_HALF = {"matching": "filter", "places_per_window": 2}
+_WHEELS = 9  # random stream of the odometers
+
+
+class Driven(NamedTuple):
+    """A pair of drives with its name in the table.
+
+    `whole` has places at whole windows, and `half` at half windows, if events were recorded.
+    """
+
+    name: str
+    whole: MappedPair
+    half: MappedPair | None = None
+    odometry: Odometry | None = None
+
+
+def driven(draw: Draw) -> Iterable[Driven]:
+    """Map a recorded pair with this draw of pixels; streets are mapped where they are opened."""
+    if isinstance(draw.pair, Pair):
+        pair, settings = draw.pair, draw.pair.drawn_with(draw.seed)
+        half = pair.mapped(settings.replaced(_HALF, "half")) if pair.has_events else None
+        return [Driven(pair.name, pair.mapped(settings), half)]
+    streets: Iterable[Driven] = draw.pair
+    return streets
+
+
+def driven_street(seed: int, kinds: Sequence[str] = tuple(STREETS)) -> Iterator[Driven]:
+    """Simulate one street with some of its drives, and map each at some numbers of pixels."""
+    reference, query = simulate_pair(seed)
+    reference.keep()
+    rng = np.random.default_rng((seed, _WHEELS))
+    meter = wheel_odometry(reference.track, rng)
+    for name in kinds:
+        other = second_drive(query, STREETS[name])
+        wheel = wheel_odometry(other.track, rng)
+        for pixels in PIXELS:
+            settings = PRESETS["paper"].replaced({"pixels": pixels, "seed": seed}, "street")
+            whole, half = (
+                MappedPair.of(
+                    ReferenceMap.build(reference, each, odometry=meter),
+                    other,
+                    truth_of_pair(reference, other),
+                )
+                for each in (settings, settings.replaced(_HALF, "half"))
+            )
+            yield Driven(f"{name}, {pixels} px", whole, half, wheel)
+
+
+def measure(draw: Draw) -> Iterator[Row]:
+    """Match with every variant, and with the filter on what shows nothing of the route."""
+    for name, at_whole, at_half, odometry in driven(draw):
+        default = at_half or at_whole
+        tried: list[tuple[str, MappedPair, Mapping[str, Any], Odometry | None]] = [
+            *((method, at_whole, changes, None) for method, changes in VARIANTS.items()),
+            *((method, default, changes, None) for method, changes in DEFAULTS.items()),
+        ]
+        if at_half is not None:
+            tried += [(each + AT_WHOLE, at_whole, DEFAULTS[each], None) for each in DEFAULTS]
+        if odometry is not None:
+            tried += [
+                (f"{each}, odometry", default, DEFAULTS[each], odometry) for each in (ROBOT, BEST)
+            ]
+        for method, pair, changes, along in tried:
+            promised = {"precision": PRECISION} if changes.get("matching") == "filter" else {}
+            matches = pair.coded({**changes, **promised}).match(along)
+            yield {
+                DRIVES: name,
+                "method": method,
+                CHOSEN_ON: BY_AUTHORS if method == PAPER else BY_US,
+                INNER: inner_share(matches, pair.truth, LONGEST),
+                **rates(matches, pair.truth),
+            }
+        for variant, ending in ((ROBOT, ""), (BEST, ", smoothed")):
+            rng = np.random.default_rng(draw.seed)
+            for row in null_rows(default.coded(DEFAULTS[variant]), rng, "method", ending):
+                yield {DRIVES: name, **row}
+
+
+def drives(data: Path | None) -> list[Drives]:
+    """Return the recorded pairs of a folder if one is given, and streets that chose nothing."""
+    streets = Drives("streets", lambda seed: driven_street(FIRST_SEED + seed), varied=True)
+    return [*(recorded_drives(data) if data is not None else ()), streets]
+
+
+EXPERIMENT = Experiment(
+    drives=drives,
+    names=("method", CHOSEN_ON),
+    measure=measure,
+    view=TableView({}, ("method", "P@100R", "R@99P")),
+)

@@ -1,0 +1,110 @@
+"""What a speed, a camera, a light or a fault does to the matches: a trouble is a row.
+
+Each street is mapped once at 150 pixels, with places at half windows, and driven again under each
+trouble: simulated with the events of a whole camera, or put into the counts of its windows. No
+parameter was chosen on these streets.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import replace
+
+import numpy as np
+import numpy.typing as npt
+from edge_vpr_tools.report.tables import TableView
+
+from edge_vpr.descriptors.windows import Descriptors, narrow
+from edge_vpr.reference_map import ReferenceMap
+from edge_vpr.settings import PRESETS
+from edge_vpr.simulation import simulate_pair
+from lab.drives import STREETS, second_drive
+from lab.loop import Draw, Drives, Experiment, Row
+from lab.pairs import MappedPair, rates, truth_of_pair
+
+FIRST_SEED = 10
+PRECISION = 0.99
+TROUBLE, GAINS, MATCHING = "trouble", "gains", "matching"
+#: changes of the counts of a drive, by pixels: counts (n, J), rows of the sensor (J,), generator
+Counts = npt.NDArray[np.int64]
+Change = Callable[[Counts, Counts, np.random.Generator], Counts]
+
+
+def _hot(pixels: int) -> Change:
+    def change(counts: Counts, rows: Counts, rng: np.random.Generator) -> Counts:
+        found, hot = counts.copy(), rng.choice(counts.shape[1], pixels, replace=False)
+        found[:, hot] += rng.poisson(200, (len(counts), pixels))
+        return found
+
+    return change
+
+
+def _noise(counts: Counts, rows: Counts, rng: np.random.Generator) -> Counts:
+    return counts + rng.poisson(2, counts.shape)
+
+
+def _lamp(counts: Counts, rows: Counts, rng: np.random.Generator) -> Counts:
+    upper = rows < 0.15 * (rows.max() + 1)
+    return counts + upper * rng.poisson(20, counts.shape)
+
+
+def _lost(counts: Counts, rows: Counts, rng: np.random.Generator) -> Counts:
+    return rng.binomial(counts, 0.5)
+
+
+def _dead(counts: Counts, rows: Counts, rng: np.random.Generator) -> Counts:
+    found = counts.copy()
+    found[:, rng.choice(counts.shape[1], counts.shape[1] * 3 // 10, replace=False)] = 0
+    return found
+
+
+FAULTS: Mapping[str, Change] = {
+    "5 of 150 pixels are hot, 200 events/s": _hot(5),
+    "20 of 150 pixels are hot, 200 events/s": _hot(20),
+    "noise of 2 events/s at each pixel": _noise,
+    "a lamp flickers in the upper 15 %, 20 events/s": _lamp,
+    "half of the events are lost at random": _lost,
+    "30 % of the pixels are dead": _dead,
+}
+
+
+def troubled(seed: int) -> Iterator[tuple[str, MappedPair]]:
+    """Map a street, and yield its second drive under each trouble."""
+    reference, query = simulate_pair(seed)
+    settings = PRESETS["default"].replaced({"seed": seed, "precision": PRECISION}, "robustness")
+    route = ReferenceMap.build(reference.keep(), settings)
+    for name, second in STREETS.items():
+        drive = second_drive(query, second)
+        pair = MappedPair.of(route, drive, truth_of_pair(reference, drive))
+        yield name.removeprefix("street, "), pair
+        if name == "street":
+            counts, rows = pair.counted.counts.astype(np.int64), route.pixel_map.y.astype(np.int64)
+            for fault, change in FAULTS.items():
+                rng = np.random.default_rng((seed, len(fault)))
+                yield fault, replace(pair, counted=_with(pair.counted, change(counts, rows, rng)))
+
+
+def _with(windows: Descriptors, counts: Counts) -> Descriptors:
+    return replace(windows, counts=narrow(counts), selected=counts.sum(axis=1))
+
+
+def measure(draw: Draw) -> Iterator[Row]:
+    """Match live and smoothed, with seven gains, and live with one."""
+    for trouble, pair in draw.pair:
+        for matching, gains in (("live", 7), ("smoothed", 7), ("live", 1)):
+            changes = {"smooth": matching == "smoothed", "gains": gains}
+            matches = pair.with_settings(changes).match()
+            names = {TROUBLE: trouble, MATCHING: matching, GAINS: gains}
+            yield {**names, **rates(matches, pair.truth)}
+
+
+EXPERIMENT = Experiment(
+    drives=lambda data: [
+        Drives("simulated streets", lambda seed: troubled(FIRST_SEED + seed), varied=True)
+    ],
+    names=(TROUBLE, MATCHING, GAINS),
+    measure=measure,
+    view=TableView({}, (TROUBLE, MATCHING, GAINS, "P@100R", "accepted at 0.99",
+                        "correct of accepted")),
+    reads_data=False,
+)  # fmt: skip

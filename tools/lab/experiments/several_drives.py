@@ -1,0 +1,169 @@
+"""Maps of one drive and of several, in the same light and in others.
+
+The map of a simulated street is made of a drive in the sun. One or two more drives in other light
+are learnt, aligned by matching or by their tracks; a further drive in each light tests the map.
+Nothing was chosen on these streets. In Brisbane, half a drive by day is learnt by the map of a
+sunset; that drive chose the limits of the alignment, and is matched itself, since there is no other
+by day.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from edge_vpr_tools.report.tables import TableView
+
+from edge_vpr.descriptors.counting import EventSource, WindowSource, count_places
+from edge_vpr.descriptors.windows import PublishedWindows
+from edge_vpr.evaluation.track_files import load_track
+from edge_vpr.evaluation.tracks import Track, with_positions
+from edge_vpr.learning import learn_drive
+from edge_vpr.reference_map import ReferenceMap
+from edge_vpr.settings import PRESETS, Settings
+from edge_vpr.simulation import simulate_pair
+from lab.drives import (
+    BRISBANE,
+    BRISBANE_M,
+    STREETS,
+    second_drive,
+)
+from lab.loop import Draw, Drives, Experiment, Row
+from lab.pairs import TOLERANCE_M, MappedPair, truth_of_tracks
+
+LENGTH_M = 450.0
+FIRST_SEED = 80
+PIXELS = (25, 150)
+LIGHTS: Mapping[str, str] = {
+    "in other light": "street",
+    "in low sun": "street, low sun",
+    "at noon": "street, noon",
+}
+DAYTIME = "brisbane_daytime"
+
+
+class Logged(NamedTuple):
+    """A drive and its track."""
+
+    drive: EventSource | WindowSource
+    track: Track
+
+
+class Drive(NamedTuple):
+    """The drives of a route: one that a map is made of, some to learn, and some to match.
+
+    `maps` names the drives that each map learns.
+    """
+
+    settings: tuple[Settings, ...]
+    reference: Logged
+    learnt: Mapping[str, Logged]
+    queries: Mapping[str, Logged]
+    maps: Mapping[str, tuple[str, ...]]
+    tolerance_m: float
+
+
+def open_street(seed: int) -> Drive:
+    """Simulate the drives of one street."""
+    reference, query = simulate_pair(FIRST_SEED + seed, length_m=LENGTH_M)
+    learnt, queries = (
+        {
+            light: Logged(one := second_drive(query, STREETS[name], offset + i), one.track)
+            for i, (light, name) in enumerate(LIGHTS.items())
+        }
+        for offset in (1_000, 2_000)
+    )
+    maps: Mapping[str, tuple[str, ...]] = {
+        "one drive": (),
+        "and one at noon": ("at noon",),
+        "and one at noon, one in low sun": ("at noon", "in low sun"),
+    }
+    settings = tuple(
+        PRESETS["default"].replaced({"pixels": pixels, "seed": seed}, "street") for pixels in PIXELS
+    )
+    first = Logged(reference.keep(), reference.track)
+    return Drive(settings, first, learnt, queries, maps, TOLERANCE_M)
+
+
+def open_brisbane(data: Path, seed: int) -> Drive:
+    """Open the drives of Brisbane, two at sunset and the first half of one by day."""
+    evening, again, by_day = (
+        Logged(PublishedWindows(data / f"{name}.npz"), load_track(data / f"{name}.nmea"))
+        for name in (f"{BRISBANE}/sunset2", f"{BRISBANE}/sunset1", f"{DAYTIME}/daytime_first_half")
+    )
+    changes = {"pixels": 49, "strategy": "top"}
+    return Drive(
+        (PRESETS["default"].replaced(changes, "Brisbane"),),
+        evening,
+        {"by day": by_day},
+        {"at sunset": again, "by day": by_day},
+        {"one drive": (), "and half a drive by day": ("by day",)},
+        BRISBANE_M[0],
+    )
+
+
+def drives(data: Path | None) -> list[Drives]:
+    """Return the streets, and the drives of Brisbane if they are in a folder."""
+    found = [Drives(f"streets of {LENGTH_M:g} m", open_street, varied=True)]
+    folders = [data / name for name in (BRISBANE, DAYTIME)] if data is not None else []
+    if data is not None and all(folder.is_dir() for folder in folders):
+        opened = partial(open_brisbane, data)
+        found.append(Drives("Brisbane, 49 px", opened, drawn=False))
+    return found
+
+
+def measure(draw: Draw) -> Iterator[Row]:
+    """Learn the drives aligned in both ways, and match each map in each light."""
+    drive: Drive = draw.pair
+    for settings in drive.settings:
+        first = ReferenceMap.build(drive.reference.drive, settings)
+        learnt = {
+            light: count_places(one.drive, first.pixel_map, first.settings)
+            for light, one in drive.learnt.items()
+        }
+
+        truth_of = partial(truth_of_tracks, drive.reference.track, tolerance_m=drive.tolerance_m)
+        queries = {
+            light: MappedPair.of(first, one.drive, truth_of(one.track))
+            for light, one in drive.queries.items()
+        }
+        for name, lights in drive.maps.items():
+            for aligned in ("by matching", "by tracks") if lights else ("alone",):
+                by_tracks = aligned == "by tracks"
+                route = with_positions(first, drive.reference.track) if by_tracks else first
+                shares: Row = {}
+                for light in lights:
+                    track = drive.learnt[light].track if by_tracks else None
+                    update = learn_drive(route, learnt[light], track=track)
+                    truth = truth_of(drive.learnt[light].track)(
+                        first.places.centre_us, learnt[light].centre_us
+                    )
+                    k = np.flatnonzero(update.aligned & truth.known)
+                    shares = {
+                        "aligned of the last drive learnt": float(update.aligned.mean()),
+                        "of these right": float(truth.correct[update.place[k], k].mean()),
+                    }
+                    route = update.reference
+                for light, pair in queries.items():
+                    for matched, by in (("live", route.causal()), ("recorded", route)):
+                        yield {
+                            "map": name,
+                            "aligned": aligned,
+                            "pixels": settings.pixels,
+                            "query": light,
+                            "matched": matched,
+                            "P@100R": replace(pair, reference=by).correct(),
+                            **shares,
+                        }
+
+
+EXPERIMENT = Experiment(
+    drives=drives,
+    names=("map", "aligned", "pixels", "query", "matched"),
+    measure=measure,
+    view=TableView({"matched": "live"}, ("map", "aligned", "query", "P@100R"), "query"),
+)

@@ -1,0 +1,205 @@
+"""Figures of experiments: two kinds, each declared by the columns that it shows."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from typing import Any
+
+import numpy as np
+from edge_vpr_tools.report.style import CYCLE, GREY, legend_below, look, name_label, panels
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from lab.loop import Rows
+
+#: most panels beside each other, so that a page shows them in a legible size
+_COLUMNS = 3
+#: least space between labelled ticks, as a share of the axis
+_APART = 0.08
+_MARKERS = "osD^vP"
+
+
+def dots(
+    rows: Rows,
+    measures: Sequence[str],
+    row: str,
+    series: str | None = None,
+    *,
+    columns: int = _COLUMNS,
+    promised: Mapping[str, float] | None = None,
+) -> Figure:
+    """Draw a panel per measure and pair of drives: means of trials as dots, a colour per series.
+
+    Rows are drawn from top to bottom; a bar is the spread of the trials.
+
+    Parameters
+    ----------
+    columns : int
+        Most panels beside each other, which share their rows.
+    promised : mapping of str to float, optional
+        Value of a measure that its panel marks; it shows the upper tenth alone.
+    """
+    drives = list(_by(rows, "drives"))
+    kinds = list(dict.fromkeys(each[series] for each in rows)) if series else [""]
+    shown = [
+        (measure, "" if len(drives) == 1 else str(name).replace(", ", "\n"), of)
+        for measure in measures
+        for name, of in drives
+    ]
+    columns = min(len(shown), columns)
+    beside = [shown[i : i + columns] for i in range(0, len(shown), columns)]
+    labels = [
+        list(dict.fromkeys(str(each[row]) for *_, of in line for each in of)) for line in beside
+    ]
+    heights = [1.4 + 0.12 * (1 + len(kinds)) * len(each) for each in labels]
+    size = 3.4 + 2.2 * columns, sum(heights)
+    shared: dict[str, Any] = {"sharey": "row", "height_ratios": heights}
+    with panels(len(beside), columns, *size, **shared) as (drawing, grid):
+        for empty in grid.flat[len(shown) :]:
+            empty.remove()
+        for across, line, names in zip(grid, beside, labels, strict=True):
+            across[0].set_yticks(range(len(names)), map(_title, names), fontsize=9)
+            across[0].set_ylim(len(names) - 0.5, -0.5)
+            for axes, (measure, title, of) in zip(across, line, strict=False):
+                for i, kind in enumerate(kinds):
+                    those = [each for each in of if not series or each[series] == kind]
+                    trials = {str(name): _values(each, measure) for name, each in _by(those, row)}
+                    # several dots of a row stand below each other
+                    below = 0.5 * ((i + 0.5) / len(kinds) - 0.5)
+                    found = [mean_and_spread(trials.get(name) or [np.nan]) for name in names]
+                    _dots(axes, found, below, i, _title(kind))
+                axes.set(xlabel=measure, title=title, xlim=(-0.03, 1.03))
+                axes.locator_params(axis="x", nbins=4)
+                axes.tick_params(axis="x", labelsize=9)
+                if promised and measure in promised:
+                    axes.axvline(promised[measure], color=GREY, linewidth=1.0, zorder=1)
+                    axes.set_xlim(0.897, 1.003)
+        if len(kinds) > 1:
+            legend_below(drawing, grid.flat[:1], len(kinds))
+    return drawing
+
+
+def _dots(
+    axes: Axes, found: Sequence[tuple[float, float]], below: float, i: int, label: str
+) -> None:
+    """Draw the means and spreads of the i-th series, one each row."""
+    means, spreads = zip(*found, strict=True)
+    axes.errorbar(
+        means, np.arange(len(found)) + below, xerr=spreads, color=CYCLE[i % len(CYCLE)],
+        marker=_MARKERS[i % len(_MARKERS)], ms=5, linestyle="none", label=label,
+    )  # fmt: skip
+
+
+def lines(
+    rows: Rows,
+    x: str,
+    y: str,
+    line: str,
+    *,
+    panel: Sequence[str] = ("drives",),
+    mark: float | None = None,
+) -> Figure:
+    """Draw the mean of the trials over a number: a panel each pair of drives, a line each variant.
+
+    The horizontal axis is logarithmic.
+
+    Parameters
+    ----------
+    x, y : str
+        Columns of numbers.
+    line : str
+        Column that names the lines.
+    panel : sequence of str
+        Columns that have a panel for each of their values.
+    mark : float, optional
+        Where a vertical line is drawn, as at the default.
+    """
+    shown = [{**row, "": "\n".join(str(row[each]) for each in panel)} for row in rows]
+    names = list(dict.fromkeys(row[line] for row in rows))
+    with _grid(shown, "", y) as (drawing, grid):
+        for axes, of in grid:
+            for name, those in _by(of, line):
+                points = [(at, _values(each, y)) for at, each in _by(those, x)]
+                points = [(at, values) for at, values in points if values]
+                if points:
+                    style = look(names.index(name))
+                    _mean_line(axes, *zip(*points, strict=True), label=_title(name), **style)
+            _log_ticks(axes, sorted({row[x] for row in of if row.get(y) is not None}))
+            if mark is not None:
+                axes.axvline(mark, color=GREY, linewidth=1, zorder=0)
+            axes.set_xlabel(x)
+        legend_below(drawing, [axes for axes, _ in grid], 3)
+    return drawing
+
+
+def _log_ticks(axes: Axes, values: Sequence[float]) -> None:
+    """Make the horizontal axis logarithmic, with a tick at each of these values and at no other."""
+    labels, labelled = [], 0.0
+    for value in values:
+        # a label that would touch the last one is left out
+        apart = not labelled or value / labelled > (values[-1] / values[0]) ** _APART
+        # small values as fractions, whose labels are shorter
+        text = f"1/{1 / value:g}" if value < 1 and 1 / value % 1 == 0 else f"{value:g}"
+        labels.append(text if apart else "")
+        labelled = value if apart else labelled
+    axes.set_xscale("log")
+    axes.set_xticks(values, labels, fontsize=9)
+    axes.minorticks_off()
+
+
+def _mean_line(
+    axes: Axes, across: Sequence[float], trials: Sequence[Sequence[float]], **curve: Any
+) -> None:
+    """Draw the mean of the trials at each point, with their standard deviation as a bar."""
+    found = [mean_and_spread(values) for values in trials]
+    means, spreads = ([pair[i] for pair in found] for i in (0, 1))
+    axes.errorbar(across, means, spreads, marker="o", ms=3.5, **curve)
+
+
+def mean_and_spread(trials: Sequence[float]) -> tuple[float, float]:
+    """Return the mean of some trials, and their sample standard deviation; 0 for a single trial.
+
+    Examples
+    --------
+    >>> mean_and_spread([1.0, 2.0, 3.0]), mean_and_spread([2.0])
+    ((2.0, 1.0), (2.0, 0.0))
+    """
+    return float(np.mean(trials)), float(np.std(trials, ddof=1)) if len(trials) > 1 else 0.0
+
+
+@contextmanager
+def _grid(rows: Rows, column: str, y: str) -> Iterator[tuple[Figure, list[tuple[Axes, Rows]]]]:
+    """Lay out a panel for each value of a column, and yield each with its rows."""
+    found = list(_by(rows, column))
+    columns = min(len(found), _COLUMNS)
+    across = -(-len(found) // columns)
+    with panels(across, columns, 3.4 * columns + 0.6, 3.1 * across + 0.8, sharey=True) as (
+        drawing,
+        grid,
+    ):
+        for empty in grid.flat[len(found) :]:
+            empty.remove()
+        for left in grid[:, 0]:
+            left.set_ylabel(y)
+        shown = []
+        for axes, (value, of) in zip(grid.flat, found, strict=False):
+            axes.set_title("\n".join(map(_title, str(value).split("\n"))))
+            shown.append((axes, of))
+        yield drawing, shown
+
+
+def _by(rows: Rows, column: str) -> Iterable[tuple[Any, Rows]]:
+    """Group rows by the value of a column, in the order in which the values appear."""
+    groups: dict[Any, list[Mapping[str, Any]]] = {}
+    for row in rows:
+        groups.setdefault(row[column], []).append(row)
+    return groups.items()
+
+
+def _values(rows: Rows, column: str) -> list[float]:
+    return [float(row[column]) for row in rows if row.get(column) is not None]
+
+
+def _title(name: object) -> str:
+    return name_label(str(name))
