@@ -973,7 +973,11 @@ def _of_part(drive: object, readings: _Timed) -> _Timed:
     start_us = getattr(drive, "cropped_us", 0)
     if readings is None or not start_us:
         return readings
-    moved: Any = replace(readings, time_us=readings.time_us - start_us)
+    moved: Any = (
+        readings.shifted(-start_us / 1e6)
+        if isinstance(readings, Track)
+        else replace(readings, time_us=readings.time_us - start_us)
+    )
     return moved
 
 

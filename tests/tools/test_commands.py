@@ -455,6 +455,18 @@ def test_info_shows_how_a_track_fits_its_recording(drive, tmp_path, capsys):
     refused(capsys, "info", drive / "map.npz", "--track", log, code=2, says="--track is of a rec")
 
 
+def test_map_shows_each_drive_and_its_track(drive, tmp_path, capsys):
+    first, second = (line_track(tmp_path / f"{name}.csv", 2, 20) for name in "ab")
+    recordings = [str(drive / f"{name}.npz") for name in ("reference", "query")]
+    words = ["map", *recordings, "-o", str(tmp_path / "map.npz"), "--tau", "100ms", "--pixels", "5"]
+    words += ["--sigma", "1", "--track", str(first), "--track", str(second), "--same-route"]
+    assert main(words) == 0
+    said = capsys.readouterr().out
+    for heading in ("drive", recordings[1]):
+        assert re.search(f"^{heading} +[\\d,]+ events in ", said, re.MULTILINE)
+        assert re.search(f"^{heading} track +20 m from 0.0 to 2.0 s, 10 m/s", said, re.MULTILINE)
+
+
 @pytest.mark.slow
 def test_by_default_the_place_filter_matches_offline_and_online_alike(drive, capsys, tmp_path):
     flags = ["--pixels", "5", "--tau", "100ms", "--sigma", "1"]

@@ -151,15 +151,16 @@ def run(args: argparse.Namespace) -> None:
     check_new_file(run_file, inputs, args.overwrite)
     if args.track_offset is not None and not tracks:
         raise UsageError("--track-offset corrects the clock of a track: add --track")
-    drives = len(args.more) + (not learns)
-    if len(tracks) > drives:
-        raise UsageError(f"{len(tracks)} tracks are given for {drives} drives: give one per drive")
+    number = len(args.more) + (not learns)
+    if len(tracks) > number:
+        raise UsageError(f"{len(tracks)} tracks for {number} drives: give one per drive")
 
     of_drives = [
         load_track(track, max_gap_s=args.longest_gap).shifted(args.track_offset or 0.0)
         for track in tracks
     ]
-    removed, seconds, track = Removed(), None, None
+    removed, seconds = Removed(), None
+    drives: dict[str, Drive] = {}
     if learns:
         _check_flags_of_a_map(args)
         reference = ReferenceMap.load(args.recording)
@@ -173,13 +174,20 @@ def run(args: argparse.Namespace) -> None:
         reference, seconds = _mapped(args, settings, recording, track, removed)
         if concern := slow_concern(reference):
             warning(f"{args.recording}: {concern}")
+        drives["drive"] = Drive.of_windows(
+            reference.windows,
+            reference.pixel_map.sensor,
+            reference.start_us,
+            reference.clock_us,
+            track,
+        )
     for path, its_track in itertools.zip_longest(args.more, of_drives):
         other = open_source(args, path, reference.camera)
         update = reference.update(
             tracked(other, "learning"), track=its_track, same_route=args.same_route
         )
         summary(f"{path}: {update}{describe_faults(other)}")
-        print_facts(facts({path: update.drive}))
+        drives[path] = update.drive
         for concern in update.warnings:
             warning(f"{path}: {concern}")
         reference = update.reference
@@ -190,6 +198,7 @@ def run(args: argparse.Namespace) -> None:
     write_json(run_file, record)
     if args.json:
         held = {"path": str(output), "format": "map", **asdict(reference.info())}
+        held["facts"] = facts(drives)
         print(json_text({**held, **to_json(record)}))
 
     places = reference.places
@@ -204,14 +213,7 @@ def run(args: argparse.Namespace) -> None:
             f"{describe_removed(removed, reference.settings)}"
             f"{describe_faults(recording)}"
         )
-        drive = Drive.of_windows(
-            reference.windows,
-            reference.pixel_map.sensor,
-            reference.start_us,
-            reference.clock_us,
-            track,
-        )
-        print_facts(facts({"drive": drive}))
+    print_facts(facts(drives))
     if reference.route is not None:
         info = reference.info()
         summary(
