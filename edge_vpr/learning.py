@@ -17,6 +17,7 @@ from edge_vpr.compiling import plain
 from edge_vpr.descriptors.codes import drive_mean
 from edge_vpr.descriptors.windows import Descriptors, activity_of_drive
 from edge_vpr.errors import UsageError
+from edge_vpr.evaluation.facts import Drive
 from edge_vpr.evaluation.tracks import Track, distances
 from edge_vpr.map_record import AnyMap, MapRecord
 from edge_vpr.matching.distances import ReferenceIndex
@@ -70,6 +71,8 @@ class MapUpdate(Generic[AnyMap]):
     confused_before, confused : float
         Share of the places whose descriptor of before is nearest to another part of the route, in
         the map of before and in this one.
+    drive : Drive
+        The other drive, for `facts`.
     """
 
     reference: AnyMap
@@ -79,6 +82,7 @@ class MapUpdate(Generic[AnyMap]):
     changed: npt.NDArray[np.int64]
     confused_before: float
     confused: float
+    drive: Drive
 
     @property
     def warnings(self) -> list[str]:
@@ -210,6 +214,11 @@ def learn_drive(
         _outliers(change, learnt),
         _confused(reference, reference),
         _confused(reference, updated),
+        Drive.of_windows(
+            counted.take(slice(None, None, reference.settings.window_parts)),
+            reference.pixel_map.sensor,
+            track=track,
+        ),
     )
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 import warnings
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from importlib import import_module
@@ -34,16 +34,8 @@ from edge_vpr.descriptors.counting import (
 from edge_vpr.descriptors.pixels import PixelMap, load_pixel_map
 from edge_vpr.descriptors.windows import Descriptors, WindowCounts, collect
 from edge_vpr.errors import EdgeVprWarning, MapError, UsageError, as_path, expect, kind_of
-from edge_vpr.evaluation import doubts
-from edge_vpr.evaluation.ground_truth import (
-    Alignment,
-    GroundTruth,
-    correct_of,
-    from_tracks,
-    swapped_sides,
-    unjudged,
-    with_columns_swapped,
-)
+from edge_vpr.evaluation.facts import Drive, facts
+from edge_vpr.evaluation.ground_truth import Alignment, GroundTruth, from_tracks
 from edge_vpr.evaluation.metrics import Evaluation, RecallDenominator, evaluate
 from edge_vpr.evaluation.tables import TableData, load_jumps, load_odometry
 from edge_vpr.evaluation.track_files import AnyTrack, load_track
@@ -203,7 +195,7 @@ class ReferenceMap(MapRecord):
         Warns
         -----
         EdgeVprWarning
-            For each reason to doubt the track, the unit of the recording's times, or the settings.
+            For each reason to doubt the unit of the recording's times, or the settings.
 
         Examples
         --------
@@ -226,7 +218,6 @@ class ReferenceMap(MapRecord):
         track, odometry = _track_of(track), _odometry_of(odometry)
         removed = Removed() if removed is None else removed
         found = map_traverse(drive, chosen, pixel_map=pixel_map, hot=hot, removed=removed)
-        _warn_of_drops(drive, removed)
         made = replace(
             cls.of(found),
             frame_period=getattr(drive, "frame_period", None),
@@ -244,8 +235,6 @@ class ReferenceMap(MapRecord):
         if track is not None:
             clock_us = getattr(drive, "start_us", made.start_us) - made.start_us
             made = with_positions(made, track, clock_us)
-            for note in doubts.drive_notes(track, made.place_time_us, clock_us):
-                warnings.warn(f"track: {note}", EdgeVprWarning, stacklevel=2)
         if odometry is not None:
             made = replace(made, odometer_mm=_of_part(drive, odometry).along(made.places.centre_us))
         if isinstance(jumps, str | Path):
@@ -363,7 +352,6 @@ class ReferenceMap(MapRecord):
         else:
             result = _match_events(matched.causal(), drive, every, odometry)
         _warn_if_strange(result.matches)
-        _warn_of_drops(drive, result.removed)
         # the map as it was given: what is asked of one run is no part of it
         start_us = getattr(drive, "cropped_us", 0)
         windows = None if result.windows is None else self.coded(result.windows)
@@ -640,103 +628,44 @@ class MatchResult:
         GroundTruthError
             If a track cannot be read, or does not cover its drive.
         """
-        tracks = _loaded(reference_track), _loaded(query_track)
-        truth = self._truth(*tracks, tolerance_m)
-        for note in truth.notes:
-            warnings.warn(note, EdgeVprWarning, stacklevel=2)
-        return truth
-
-    def _truth(self, reference_track: Track, query_track: Track, tolerance_m: float) -> GroundTruth:
         return from_tracks(
-            reference_track,
-            query_track,
+            _loaded(reference_track),
+            _loaded(query_track),
             self.reference.place_time_us,
             self.query_time_us,
             tolerance_m,
-            reference_events=self.reference.places.events,
-            query_events=None if self.queries is None else self.queries.events,
         )
 
-    def doubts_of(
-        self,
-        truth: GroundTruth,
-        tracks: tuple[Track, Track] | None,
-        tolerance_m: float,
-        remedy: Callable[[doubts.Offset], str],
-    ) -> tuple[str, ...]:
-        """Return the reasons to doubt a truth: its own notes, and what the matches say about it.
+    def facts(self, truth: GroundTruth | None = None) -> dict[str, str]:
+        """Return lines of text that show whether drives, tracks and units are those that are meant.
 
         Parameters
         ----------
-        tracks : tuple of two Track, optional
-            From which the truth was made, that of the reference first; None if it was not.
-        remedy : callable
-            Returns how to use an offset of one of them.
-        """
-        at = self.matches.place, self.matches.query
-        found = [*self._clock_notes(tracks), *truth.notes]
-        if tracks is not None:
-            reference, query = tracks
-            found += swapped_sides(
-                truth, lambda: self._truth(query, reference, tolerance_m), self.matches
-            )
-            correct, judged = correct_of(truth, *at)
-            # otherwise no offset can be clearly better
-            if correct < (1 - doubts.MORE_CORRECT) * judged:
-                found += self.clear_offset(tracks, tolerance_m, remedy)
-        else:
-            found += self._swapped_columns(truth)
-        return tuple(found)
+        truth : GroundTruth, optional
+            Of this result; adds its tracks, and the distance of their routes.
 
-    def _clock_notes(self, tracks: tuple[Track, Track] | None) -> Iterator[str]:
-        """Yield a note for each track that began at another instant than its recording."""
-        drives = (
-            ("reference", self.reference.place_time_us, self.reference.clock_us),
-            ("query", self.query_time_us, self.clock_us),
+        Examples
+        --------
+        >>> result.facts(evaluation.truth)["query track"]  # doctest: +SKIP
+        '298 m from 0.0 to 57.0 s, 5.2 m/s in the mean and 9.8 m/s at most, ...'
+        """
+        windows = self.windows if self.queries is None else self.queries
+        tracks = (None, None) if truth is None or truth.tracks is None else truth.tracks
+        drives = {
+            "reference": (self.reference.windows, self.reference.start_us, self.reference.clock_us),
+            "query": (windows, self.start_us, self.clock_us),
+        }
+        sensor = self.reference.pixel_map.sensor
+        return facts(
+            {
+                name: Drive.of_windows(counted, sensor, start_us, clock_us, track)
+                for (name, (counted, start_us, clock_us)), track in zip(
+                    drives.items(), tracks, strict=True
+                )
+                if counted is not None
+            },
+            truth,
         )
-        for (name, times_us, clock_us), track in zip(drives, tracks or (), strict=False):
-            for found in doubts.clock_notes(track, times_us, clock_us):
-                yield f"{name} log: {found}"
-
-    def _swapped_columns(self, truth: GroundTruth) -> tuple[str, ...]:
-        """Return a note if the matches fit an alignment far better whose columns are swapped."""
-        if truth.positions is None or truth.positions.unit == "m":
-            return ()
-        times_us = self.reference.place_time_us, self.query_time_us
-        return swapped_sides(
-            truth, lambda: with_columns_swapped(truth, *times_us), self.matches,
-            "alignment's columns",
-            "give the moments in the query first, or correct the names in the header",
-        )  # fmt: skip
-
-    def clear_offset(
-        self,
-        tracks: tuple[Track, Track],
-        tolerance_m: float,
-        remedy: Callable[[doubts.Offset], str],
-    ) -> tuple[str, ...]:
-        """Return a note if the matches clearly fit two tracks with another offset, see `doubts_of`.
-
-        Returns
-        -------
-        tuple of str
-            Empty without such an offset.
-        """
-        offset = self.best_offset(tracks, tolerance_m)
-        window_s = self.reference.windows.window_us / 1e6
-        if not doubts.is_clear(offset, window_s, self.matches.probability):
-            return ()
-        return (f"{offset}: if its clock may be wrong, {remedy(offset)}",)
-
-    def best_offset(self, tracks: tuple[Track, Track], tolerance_m: float) -> doubts.Offset | None:
-        """Return the offset of one of two tracks with which most matches are correct, if any is."""
-        reference, query = tracks
-        alike = reference.kind == query.kind
-        if not (tolerance_m and alike and reference.position.shape[1] == query.position.shape[1]):
-            return None
-        place_us = self.reference.place_time_us[self.matches.place]
-        query_us = self.query_time_us[self.matches.query]
-        return doubts.best_offset(reference, query, place_us, query_us, tolerance_m)
 
     def evaluate(
         self,
@@ -763,11 +692,6 @@ class MatchResult:
         GroundTruthError
             If a track cannot be read, or the truth does not cover the drives.
 
-        Warns
-        -----
-        EdgeVprWarning
-            For each reason to doubt that two tracks are those of the drives, and if the columns of
-            an alignment seem to be swapped; also in ``evaluation.truth.notes`` and in the report.
         """
         if isinstance(truth, Alignment):
             raise UsageError(
@@ -783,33 +707,19 @@ class MatchResult:
                     f"tolerance_m = {tolerance_m:g}, and truth says already which matches are "
                     "correct: leave tolerance_m out, or make the truth anew with it"
                 )
-            found = judge(truth)  # refuses the truth of other drives
-            notes = self._swapped_columns(truth)
-            truth = replace(truth, notes=(*truth.notes, *notes))
-        else:
-            if isinstance(truth, str | Path) or not isinstance(truth, Sequence) or len(truth) != 2:
-                raise UsageError(
-                    f"truth is {kind_of(truth)}: give the track of the reference and that of the "
-                    "query as a pair, or a GroundTruth, as of from_matrix or "
-                    "from_alignment(load_alignment(path), ...)"
-                )
-            if tolerance_m is None:
-                raise UsageError(
-                    "the truth is two tracks, without the distance up to which a match is correct: "
-                    "give for example tolerance_m=70"
-                )
-            tracks = _loaded(truth[0]), _loaded(truth[1])
-            truth = self._truth(*tracks, tolerance_m)
-            notes = self.doubts_of(
-                truth, tracks, tolerance_m,
-                lambda offset: f"give that track .shifted({offset.seconds:g})",
-            )  # fmt: skip
-            truth = replace(truth, notes=notes)
-            found = judge(truth)
-            notes = (*unjudged(truth, self.matches.place, self.matches.query), *notes)
-        for note in notes:
-            warnings.warn(note, EdgeVprWarning, stacklevel=2)
-        return replace(found, truth=truth)
+            return judge(truth)
+        if isinstance(truth, str | Path) or not isinstance(truth, Sequence) or len(truth) != 2:
+            raise UsageError(
+                f"truth is {kind_of(truth)}: give the track of the reference and that of the "
+                "query as a pair, or a GroundTruth, as of from_matrix or "
+                "from_alignment(load_alignment(path), ...)"
+            )
+        if tolerance_m is None:
+            raise UsageError(
+                "the truth is two tracks, without the distance up to which a match is correct: "
+                "give for example tolerance_m=70"
+            )
+        return judge(self.truth(truth[0], truth[1], tolerance_m))
 
     def to_frame(self, evaluation: Evaluation | None = None) -> pandas.DataFrame:
         """Return a pandas table with one row for each match; see `Matches.to_frame`.
@@ -1063,7 +973,11 @@ def _of_part(drive: object, readings: _Timed) -> _Timed:
     start_us = getattr(drive, "cropped_us", 0)
     if readings is None or not start_us:
         return readings
-    moved: Any = replace(readings, time_us=readings.time_us - start_us)
+    moved: Any = (
+        readings.shifted(-start_us / 1e6)
+        if isinstance(readings, Track)
+        else replace(readings, time_us=readings.time_us - start_us)
+    )
     return moved
 
 
@@ -1188,8 +1102,8 @@ def _match_events(
     )
 
 
-#: shares of strange matches and of dropped events about which nothing is said
-_MUCH_OFF_MAP, _MUCH_DROPPED = 0.25, 0.05
+#: share of strange matches about which nothing is said
+_MUCH_OFF_MAP = 0.25
 
 
 def _warn_if_strange(matches: Matches) -> None:
@@ -1199,19 +1113,6 @@ def _warn_if_strange(matches: Matches) -> None:
         warnings.warn(
             f"{OFF_MAP_TEXT}, by {share:.0%} of the matches: check that the drive and the map are "
             "of one route, or map the route in this light too",
-            EdgeVprWarning,
-            stacklevel=3,
-        )
-
-
-def _warn_of_drops(drive: EventSource | WindowSource, removed: Removed) -> None:
-    """Warn if more than a twentieth of the events were dropped as faulty."""
-    faults: Faults = getattr(drive, "faults", Faults())
-    share = faults.total / max(removed.events + faults.total, 1)
-    if share > _MUCH_DROPPED:
-        warnings.warn(
-            f"{share:.0%} of the events were dropped as faulty ({faults}): one time far in the "
-            "future makes all behind it faulty; check the times, the columns and the sensor",
             EdgeVprWarning,
             stacklevel=3,
         )

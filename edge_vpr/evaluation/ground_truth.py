@@ -4,33 +4,22 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from fractions import Fraction
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
 from edge_vpr.archive import EqualByValue, read_members, read_npy
 from edge_vpr.errors import GroundTruthError, expect, printable
-from edge_vpr.evaluation import doubts
 from edge_vpr.evaluation.tables import read_table
-from edge_vpr.evaluation.tracks import (
-    Floats,
-    Track,
-    distances,
-    interpolate,
-    seconds_remedy,
-    unix_remedy,
-)
+from edge_vpr.evaluation.tracks import Floats, Track, distances, interpolate, positions_at
 from edge_vpr.files import open_input
 from edge_vpr.recordings import parse_period
 from edge_vpr.route import Kind
-
-if TYPE_CHECKING:
-    from edge_vpr.matching.matches import Matches
 
 #: Number of distances that are computed at a time: a few arrays of 8 MB.
 BLOCK_CELLS = 1 << 20
@@ -38,8 +27,46 @@ BLOCK_CELLS = 1 << 20
 MOST_CELLS = 1 << 26
 
 
-#: A truth with a larger share of true cells says little about matches. Chosen by judgement.
+#: a truth that a larger share of all pairs of place and query passes is refused
 MOST_CHANCE = 0.5
+
+
+@dataclass(frozen=True, eq=False)
+class Whereabouts:
+    """Where each place may be: not further from two points of the log than the drive could come.
+
+    In a gap of its log, the reference drive can have been wherever it could come to from the point
+    before and still reach the point after, at the highest speed of the rest of the log.
+    """
+
+    kind: Kind
+    point: Floats  #: Shape (K, 2, d): points of the log before and after each place.
+    reach_m: Floats  #: Shape (K, 2): infinite where the log has no such point.
+
+    @classmethod
+    def of(cls, reference: Track, places_us: Floats) -> Whereabouts:
+        """Return where the places at some times, shape (K,), may be."""
+        time_s, n = reference.time_us / 1e6, reference.time_us.size
+        steps = distances(reference.kind, reference.position[1:], reference.position[:-1])
+        speed = float(np.quantile(steps / np.diff(time_s), 0.95)) if n > 1 else 0.0
+        at_s = places_us / 1e6
+        after = np.searchsorted(time_s, at_s)
+        beside = np.stack([after - 1, after], axis=1)
+        some = np.clip(beside, 0, n - 1)
+        reach = speed * np.abs(time_s[some] - at_s[:, None])
+        return cls(
+            reference.kind, reference.position[some], np.where(some == beside, reach, np.inf)
+        )
+
+    def may_be_within(
+        self, place: npt.NDArray[np.integer] | np.intp, positions: Floats, tolerance_m: float
+    ) -> npt.NDArray[np.bool_]:
+        """Return whether places, shape (n,) or (), may be within a tolerance of positions."""
+        near = np.ones(len(positions), dtype=np.bool_)
+        for side in (0, 1):
+            off = distances(self.kind, self.point[place, side], positions)
+            near &= off <= tolerance_m + self.reach_m[place, side]
+        return near
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,7 +80,7 @@ class TruePositions:
     unit: str  #: Of distances between positions: metres ("m"), or the unit of an alignment.
     tolerance: float  #: Largest error of a correct match, in this unit.
     #: Where the places without a position may be; by default anywhere.
-    whereabouts: doubts.Whereabouts | None = None
+    whereabouts: Whereabouts | None = None
 
     def are_like(self, kind: Kind, position: Floats) -> bool:
         """Return whether positions (K, d) of this kind are in the same coordinates, in metres."""
@@ -81,11 +108,11 @@ class TrueCells(EqualByValue):
         cls, shape: tuple[int, int], blocks: Iterable[tuple[int, npt.NDArray[np.bool_]]]
     ) -> TrueCells:
         """Gather the true cells of blocks of rows, each with the index of its first row."""
-        found = []
+        flat = []
         for first, block in blocks:
             query, place = np.nonzero(block.T)
-            found.append(query * shape[0] + first + place)
-        return cls(shape, np.sort(np.concatenate(found)))
+            flat.append(query * shape[0] + first + place)
+        return cls(shape, np.sort(np.concatenate(flat)))
 
     def __getitem__(self, cells: Any) -> npt.NDArray[np.bool_]:
         """Return cells ``[place, query]``, or with ``[:, query]`` those of all places."""
@@ -109,9 +136,9 @@ class TrueCells(EqualByValue):
 
     def any(self, axis: Literal[0]) -> npt.NDArray[np.bool_]:
         """Return whether each query has a true cell, shape (Q,)."""
-        found = np.zeros(self.shape[1], dtype=np.bool_)
-        found[self.nonzero()[1]] = True
-        return found
+        has_cell = np.zeros(self.shape[1], dtype=np.bool_)
+        has_cell[self.nonzero()[1]] = True
+        return has_cell
 
 
 @dataclass(frozen=True, eq=False)
@@ -131,21 +158,21 @@ class GroundTruth(EqualByValue):
         can be correct for it. Only these queries are evaluated.
     description : str
         Source, tolerance and coverage, for reports.
-    notes : tuple of str
-        Reasons to doubt that this is the truth of these drives.
     positions : TruePositions or None
         None of a matrix.
     placed : ndarray of bool, shape (K,)
         Whether the position of this place is known; by default all are. See `judged` for matches
         with the others.
+    tracks : tuple of two Track, or None
+        Of the reference and of the query, where it is of these.
     """
 
     correct: npt.NDArray[np.bool_] | TrueCells
     known: npt.NDArray[np.bool_]
     description: str
-    notes: tuple[str, ...] = ()
     positions: TruePositions | None = None
     placed: npt.NDArray[np.bool_] | None = None
+    tracks: tuple[Track, Track] | None = None
 
     def __repr__(self) -> str:
         places, queries = self.correct.shape
@@ -189,11 +216,11 @@ class GroundTruth(EqualByValue):
         assert self.placed is not None
         place, query = np.broadcast_arrays(place, query)
         judged = np.asarray(self.known[query] & self.placed[place])
-        known = self.positions
-        if known is not None and known.whereabouts is not None:
+        at = self.positions
+        if at is not None and at.whereabouts is not None:
             unplaced = self.known[query] & ~judged
-            judged[unplaced] = ~known.whereabouts.may_be_within(
-                place[unplaced], known.query[query[unplaced]], known.tolerance
+            judged[unplaced] = ~at.whereabouts.may_be_within(
+                place[unplaced], at.query[query[unplaced]], at.tolerance
             )
         return judged
 
@@ -235,41 +262,42 @@ class GroundTruth(EqualByValue):
             where it is not known.
         """
         if self.positions is not None:
-            known = self.positions
-            return distances(known.kind, known.place[place], known.query[query])
-        found = np.full(len(place), np.nan)
+            at = self.positions
+            return distances(at.kind, at.place[place], at.query[query])
+        away = np.full(len(place), np.nan)
         for i, (k, j) in enumerate(zip(place, query, strict=True)):
             correct = np.flatnonzero(self.correct[:, j])
             if correct.size:
-                found[i] = np.abs(correct - k).min()
-        return found
+                away[i] = np.abs(correct - k).min()
+        return away
 
 
 def _described_truth(
     correct: npt.NDArray[np.bool_] | TrueCells,
     known: npt.NDArray[np.bool_],
     source: str,
-    notes: tuple[str, ...] = (),
     positions: TruePositions | None = None,
     placed: npt.NDArray[np.bool_] | None = None,
+    tracks: tuple[Track, Track] | None = None,
 ) -> GroundTruth:
-    """Return a ground truth with its source, and the number of known queries, as description."""
+    """Return a ground truth with its source, and the number of known queries, as description.
+
+    Raises
+    ------
+    GroundTruthError
+        If more than half of all pairs of place and query pass it.
+    """
     with_place = int(correct.any(axis=0).sum())
-    truth = GroundTruth(
-        correct,
-        known,
-        f"{source}; {int(known.sum())} of {known.size} windows known, {with_place} with a place",
-        notes,
-        positions,
-        placed,
+    description = (
+        f"{source}; {int(known.sum())} of {known.size} windows known, {with_place} with a place"
     )
+    truth = GroundTruth(correct, known, description, positions, placed, tracks)
     if truth.chance > MOST_CHANCE:
-        note = (
+        raise GroundTruthError(
             f"{truth.chance:.0%} of all pairs of place and query count as the same place, so that "
-            "matches are correct whatever they say: check the tolerance, the unit of the "
-            "positions, and that the receiver moved"
+            "most matches are correct whatever they say: give a smaller tolerance, positions in "
+            "the unit that is stated, and logs of receivers that moved"
         )
-        truth = replace(truth, notes=(*notes, note))
     return truth
 
 
@@ -317,9 +345,6 @@ def from_tracks(
     reference_times_us: npt.ArrayLike,
     query_times_us: npt.ArrayLike,
     tolerance_m: float,
-    *,
-    reference_events: npt.NDArray[np.integer] | None = None,
-    query_events: npt.NDArray[np.integer] | None = None,
 ) -> GroundTruth:
     """Return the truth: places within `tolerance_m` of the query, by great circle or straight line.
 
@@ -331,8 +356,6 @@ def from_tracks(
         Times of the windows' centres, in microseconds from each recording's start.
     tolerance_m : float
         In metres, inclusive.
-    reference_events, query_events : ndarray of int, shapes (K,) and (Q,), optional
-        Numbers of events of the windows, which tell a frozen receiver from a camera that stands.
 
     Returns
     -------
@@ -344,7 +367,8 @@ def from_tracks(
     Raises
     ------
     GroundTruthError
-        If the tracks cannot be compared, do not cover the windows, or never meet.
+        If the tracks cannot be compared, have no time in common with their windows or no place in
+        common with each other, or if more than half of all pairs are within the tolerance.
     """
     for name, track in (("reference", reference), ("query", query)):
         expect(track, Track, f"track of the {name}", "a Track, as of load_track")
@@ -354,81 +378,51 @@ def from_tracks(
             f"the reference track is {_form(reference)} and the query track is {_form(query)}: "
             "give two tracks of one kind"
         )
-    remedy = unix_remedy(reference, query)
     reference_us = _window_times(reference_times_us, "reference")
-    query_us = _window_times(query_times_us, "query")
-    notes = list(doubts.notes(reference, query, reference_us, query_us, tolerance_m))
-    reference, places, frozen = _placed(
-        reference, reference_us, reference_events, "reference", remedy
-    )
-    notes += frozen
-    query, queries, frozen = _placed(query, query_us, query_events, "query", remedy)
-    notes += frozen
+    places = positions_at(reference, reference_us, "reference track")
+    queries = positions_at(query, _window_times(query_times_us, "query"), "query track")
+    known, placed = (np.isfinite(positions[:, 0]) for positions in (queries, places))
     correct = within(places, queries, partial(distances, reference.kind), tolerance_m)
-    known, placed = (~np.isnan(positions[:, 0]) for positions in (queries, places))
-    alone = np.flatnonzero(known & ~correct.any(axis=0))
-    whereabouts = None
+    whereabouts, alone = None, np.flatnonzero(known & ~correct.any(axis=0))
     if not placed.all():
-        whereabouts = doubts.Whereabouts.of(reference, reference_us)
+        whereabouts = Whereabouts.of(reference, reference_us)
         for place in np.flatnonzero(~placed) if alone.size else ():
             known[alone] &= ~whereabouts.may_be_within(place, queries[alone], tolerance_m)
-    step = distances(reference.kind, places[1:], places[:-1])
-    notes += doubts.spacing_note(step, tolerance_m, "m")
-    shared = doubts.overlap(reference, query, tolerance_m)
-    notes += doubts.two_frames_note(reference, query, shared)
-    truth = _described_truth(
+    positions = TruePositions(places, queries, reference.kind, "m", tolerance_m, whereabouts)
+    if not correct.any(axis=0).any():
+        raise GroundTruthError(
+            f"no query lies within {tolerance_m:g} m of any place, the nearest "
+            f"{nearest(positions).min():,.0f} m away: check that both logs are of this route, "
+            "their order (the reference's comes first), their clocks (Track.shifted) and the "
+            "tolerance"
+        )
+    return _described_truth(
         correct,
         known,
         f"{reference.kind} tracks at {tolerance_m:g} m, "
-        f"{int(placed.sum())} of {len(places)} places with a position, "
-        f"{100 * shared.share:.0f} % of the query's track along the reference's",
-        tuple(notes),
-        TruePositions(places, queries, reference.kind, "m", tolerance_m, whereabouts),
+        f"{int(placed.sum())} of {len(places)} places with a position",
+        positions,
         placed,
+        (reference, query),
     )
-    if not truth.has_place.any():
-        if shared.share == 0:
-            reason = (
-                f"the two tracks come no nearer than {shared.nearest_m:,.0f} m: check that both "
-                "are of this route, and the tolerance"
-            )
-        else:
-            reason = (
-                f"{100 * shared.share:.0f} % of the query's track runs along the reference's, at "
-                "other times: check their clocks (Track.shifted) and their order"
-            )
-        raise GroundTruthError(
-            "; ".join([f"no query lies within {tolerance_m:g} m of any place: {reason}", *notes])
-        )
-    return truth
 
 
-def _placed(
-    track: Track,
-    times_us: Floats,
-    events: npt.NDArray[np.integer] | None,
-    which: str,
-    remedy: str,
-) -> tuple[Track, Floats, list[str]]:
-    """Return a track without frozen positions, the positions of windows, and notes."""
-    frozen: tuple[str, ...] = ()
-    if events is not None:
-        track, frozen = doubts.without_frozen(track, times_us, events)
-    notes = [f"the {which} log {note}" for note in frozen]
-    positions = track.at(times_us)
-    if np.isnan(positions[:, 0]).all():
-        remedy = (
-            remedy
-            or seconds_remedy(track, times_us)
-            or "check its clock, and give max_gap_s= if its points are few"
-        )
-        raise GroundTruthError(
-            "; ".join(notes)
-            or f"the {which} track covers {track.time_us[0] / 1e6:g} to "
-            f"{track.time_us[-1] / 1e6:g} s in {track.time_us.size} points and no window of "
-            f"{times_us.min() / 1e6:g} to {times_us.max() / 1e6:g} s: {remedy}"
-        )
-    return track, positions, notes
+#: most distances that `nearest` computes
+_MOST_NEAREST = 1 << 24
+
+
+def nearest(positions: TruePositions) -> Floats:
+    """Return how far n windows with a position are from the nearest place, in its unit.
+
+    Of all such windows, or of evenly spread ones if the drives are long.
+    """
+    places, queries = (each[np.isfinite(each[:, 0])] for each in (positions.place, positions.query))
+    queries = queries[:: 1 + len(places) * len(queries) // _MOST_NEAREST]
+    step = max(1, BLOCK_CELLS // len(places))
+    blocks = (queries[first : first + step] for first in range(0, len(queries), step))
+    return np.concatenate(
+        [distances(positions.kind, places, block[:, None]).min(axis=1) for block in blocks]
+    )
 
 
 def _form(track: Track) -> str:
@@ -499,24 +493,24 @@ def load_alignment(path: str | Path) -> Alignment:
         "frame": "frame", "frames": "frame", "s": "s", "time_s": "s"
     }  # fmt: skip
     columns: dict[str, int] = {}
-    found: set[Literal["frame", "s"]] = set()
+    stated: set[Literal["frame", "s"]] = set()
     for number, name in enumerate(header):
         side, _, unit = name.partition("_")
         if side in ("query", "reference") and unit in units:
             columns[side] = number
-            found.add(units[unit])
-    if len(header) != 2 or len(columns) != 2 or len(found) != 1:
+            stated.add(units[unit])
+    if len(header) != 2 or len(columns) != 2 or len(stated) != 1:
         raise GroundTruthError(
             f"{path} has the header {','.join(header)!r}: expected query_frame,reference_frame "
             "or query_s,reference_s, in either order; of tracks give two, the reference's and then "
-            "the query's"
+            "the query's, and of a matrix its rows="
         )
     pairs = table[:, [columns["query"], columns["reference"]]]
     try:
         _check_pairs(pairs)
     except GroundTruthError as error:
         raise GroundTruthError(f"{path}: {error}") from None
-    return Alignment(pairs, found.pop())
+    return Alignment(pairs, stated.pop())
 
 
 def from_alignment(
@@ -572,11 +566,6 @@ def from_alignment(
     period = None if frame_period is None else parse_period(frame_period)
     queries = alignment.coordinate(_window_times(query_times_us, "query"), period)
     places = alignment.coordinate(_window_times(reference_times_us, "reference"), period)
-    unit, spelt, frame_s = "s", "s", 1.0
-    if alignment.unit == "frame":
-        assert period is not None
-        frame_s = float(period)
-        unit, spelt = "frames", f"frames of {frame_s:.3g} s"
     expected = interpolate(queries, points[:, 0], points[:, 1:])[:, 0]
     known = ~np.isnan(expected)
     if not known.any():
@@ -585,22 +574,12 @@ def from_alignment(
             f"at {queries.min():g} to {queries.max():g}: check the unit and the frame period"
         )
     correct = within(places, expected, lambda a, b: np.abs(a - b), tolerance)
+    unit = "frames" if alignment.unit == "frame" else "s"
     truth = _described_truth(
         correct,
         known,
         f"alignment of {len(points)} points at {tolerance:g} {unit}",
-        (
-            *doubts.spacing_note(np.abs(np.diff(places)), tolerance, spelt),
-            *doubts.beyond_drive_notes(points, queries, places),
-            *doubts.alignment_gap_notes(points[:, 0] * frame_s, queries * frame_s),
-        ),
-        positions=TruePositions(
-            places[:, None],
-            expected[:, None],
-            "metric",
-            unit,
-            tolerance,
-        ),
+        TruePositions(places[:, None], expected[:, None], "metric", unit, tolerance),
     )
     if not truth.has_place.any():
         raise GroundTruthError(
@@ -609,36 +588,6 @@ def from_alignment(
             f"{np.nanmax(expected):g}): check the columns, the unit and the tolerance"
         )
     return truth
-
-
-def with_columns_swapped(
-    truth: GroundTruth, reference_times_us: npt.ArrayLike, query_times_us: npt.ArrayLike
-) -> GroundTruth:
-    """Return the truth of an alignment whose columns are swapped.
-
-    Parameters
-    ----------
-    truth : GroundTruth
-        Of `from_alignment`.
-    reference_times_us, query_times_us : array_like, shapes (K,) and (Q,)
-        With which it was made.
-
-    Raises
-    ------
-    GroundTruthError
-        If the moments in the reference do not increase.
-    """
-    assert truth.positions is not None
-    places, moved = truth.positions.place, truth.positions.query
-    # places are in the unit of the alignment, which counts from the start as their times do
-    unit_us = np.max(reference_times_us) / places.max()
-    known = truth.known
-    pairs = np.column_stack([moved[known, 0], np.asarray(query_times_us)[known] / unit_us])
-    _check_pairs(pairs)
-    moments = np.asarray(query_times_us) / unit_us
-    expected = interpolate(moments, pairs[:, 0], pairs[:, 1:])[:, 0]
-    correct = within(places[:, 0], expected, lambda a, b: np.abs(a - b), truth.positions.tolerance)
-    return GroundTruth(correct, ~np.isnan(expected), truth.description)
 
 
 def _check_pairs(pairs: Floats) -> None:
@@ -761,72 +710,3 @@ def load_matrix(path: str | Path) -> npt.NDArray[np.generic]:
             f"{path} holds {matrix.dtype} of shape {matrix.shape}: save a matrix of 0 and 1"
         )
     return matrix
-
-
-# What the matches themselves say about their truth.
-
-#: if a larger share of the matches cannot be judged, a note says so
-_MUCH_UNKNOWN = 0.05
-
-
-def unjudged(
-    truth: GroundTruth, place: npt.NDArray[np.integer], query: npt.NDArray[np.integer]
-) -> tuple[str, ...]:
-    """Return a note if many of the matches of places with queries (n,) cannot be judged."""
-    unknown = ~truth.judged(place, query)
-    if unknown.mean() <= _MUCH_UNKNOWN:
-        return ()
-    places = int(np.count_nonzero(truth.known[query] & unknown))
-    windows = int(np.count_nonzero(~truth.known[query]))
-    causes = [
-        f"{count:,} {whose}"
-        for count, whose in (
-            (windows, "as the window has no position, or its place may have none"),
-            (places, "as the place has none, and may be near"),
-        )
-        if count
-    ]
-    return (
-        f"{int(unknown.sum()):,} of {len(place):,} matches cannot be judged and are left out: "
-        f"{' and '.join(causes)}",
-    )
-
-
-def swapped_sides(
-    truth: GroundTruth,
-    swapped: Callable[[], GroundTruth],
-    matches: Matches,
-    sides: str = "two logs",
-    remedy: str = "name the log of the reference first",
-) -> tuple[str, ...]:
-    """Return a note if far more of the matches are correct with two sides swapped.
-
-    Parameters
-    ----------
-    swapped : callable
-        Returns the truth of the sides in the other order, or raises GroundTruthError.
-    sides, remedy : str
-        What is swapped, and what to do.
-    """
-    at = matches.place, matches.query
-    correct, judged = correct_of(truth, *at)
-    if correct >= (1 - doubts.MORE_CORRECT) * judged:
-        return ()
-    try:
-        other, of = correct_of(swapped(), *at)
-    except GroundTruthError:  # they fit these drives in one order only
-        return ()
-    if not doubts.fits_far_better(other, of, correct, judged, matches.probability):
-        return ()
-    return (
-        f"with the {sides} in the other order, {other / of:.0%} of the matches would be correct "
-        f"instead of {correct / max(judged, 1):.0%}: {remedy}",
-    )
-
-
-def correct_of(
-    truth: GroundTruth, place: npt.NDArray[np.integer], query: npt.NDArray[np.integer]
-) -> tuple[int, int]:
-    """Return how many matches are correct, and how many can be judged."""
-    judged = truth.judged(place, query)
-    return int((truth.correct[place, query] & judged).sum()), int(judged.sum())

@@ -257,8 +257,7 @@ class Evaluation:
             + (f" and {self.queries_unknown} unknown" if self.queries_unknown else "")
             + (f" within {at.tolerance:g} {at.unit}" if (at := self.truth.positions) else "")
             + f", P@100R {self.precision_at_100_recall:.3f}, "
-            f"R@99P {self.recall_at_99_precision:.3f}"
-            + (", doubtful truth)" if self.truth.notes else ")")
+            f"R@99P {self.recall_at_99_precision:.3f})"
         )
 
     @property

@@ -1,4 +1,4 @@
-"""GPS logs as receivers send them: RMC and GGA sentences of NMEA 0183, any talker."""
+"""GPS logs as receivers send them: RMC or GGA sentences of NMEA 0183, any talker."""
 
 from __future__ import annotations
 
@@ -9,33 +9,19 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
 from edge_vpr.errors import GroundTruthError
 from edge_vpr.evaluation.fixes import Fixes
-from edge_vpr.evaluation.tracks import APART_M, great_circle
 
 _DAY_US = 86_400_000_000
-_HOUR_US = 3_600_000_000
 _SENTENCE = re.compile(
-    r"\$(?P<body>(?P<type>[A-Z]{2}(?:RMC|GGA)),[^*$\r\n]*)(?:\*(?P<sum>[0-9A-Fa-f]{2}))?"
+    r"\$(?P<body>[A-Z]{2}(?P<type>RMC|GGA),[^*$\r\n]*)(?:\*(?P<sum>[0-9A-Fa-f]{2}))?"
 )
 _OTHER = re.compile(r"\$(?:[A-Z]{2})?(GNS|GLL|PUBX)\b")
 _TIME = re.compile(r"(\d\d)(\d\d)(\d\d)(?:\.(\d{1,6})\d*)?")
 _ANGLE = re.compile(r"(\d{1,3})(\d\d(?:\.\d*)?)")
-
-#: Sentences of another type can follow a second late, and a single one later still.
-_LATE_US = 2_000_000
-#: Clocks are set back by at most the seconds between GPS time and UTC, which a receiver learns
-#: minutes after its first fix; by more, the log holds two drives.
-_LEAP_US = 60_000_000
-#: Old receivers count weeks from 0 again after so many, and say a date 20 years ago.
-_ROLLOVER_US = 1024 * 7 * _DAY_US
-#: A time that comes again is of a clock that was set back, if the vehicle has moved by so much.
-_MOVED_M = 1.0
-#: A clock that is set on by seconds leaves a gap as lost sentences do. It was set if the vehicle,
-#: at a steady speed (within this share), lacks at least so many metres. Chosen on logs of a car.
-_STEADY_SHARE, _LACKS_M = 0.3, 5.0
+#: Modes of RMC and qualities of GGA of positions that were estimated, entered or simulated.
+_NOT_MEASURED = ("E", "M", "S", "6", "7", "8")
 
 
 def is_nmea(text: str) -> bool:
@@ -44,89 +30,85 @@ def is_nmea(text: str) -> bool:
 
 
 def read_nmea(text: str) -> Fixes:
-    """Read a log.
+    """Read the RMC sentences of a log, or its GGA sentences if no RMC has a fix.
 
-    Time 0 is the first sentence with a time, with or without a fix. If logger and camera start
-    together, this is the start of the recording. Where the receiver sets its clock (before the
-    first fix by years, later by leap seconds or a rollover of weeks), what came before is moved
-    with it, so that time goes on by one interval. Sentences with a wrong checksum or without a fix
-    are left out and counted, and those without a checksum unless most have none. RMC and GGA of one
-    instant make one point, the first.
+    Time 0 is the first of them with a time, with or without a fix. A time of day that is more than
+    12 hours before the last one is of the next day. Left out and counted are sentences with a wrong
+    checksum, or without one if others have one; without a fix; and with a position that the
+    receiver itself calls estimated.
 
     Raises
     ------
     GroundTruthError
-        If no sentence has a fix, or time runs backwards.
+        If no sentence has a fix, or the receiver's clock was set back, on to another date, or
+        before the first fix, so that the log does not say when it began.
     """
     dropped: Counter[str] = Counter()
-    found = list(_sentences(text, dropped))
-    unchecked = sum(not sentence.checked for sentence in found)
-    if 2 * unchecked <= len(found):
-        found = [sentence for sentence in found if sentence.checked]
+    sentences = list(_sentences(text, dropped))
+    if any(sentence.checked for sentence in sentences):
+        unchecked = sum(not sentence.checked for sentence in sentences)
         dropped["no checksum"] += unchecked
-        unchecked = 0
-    timed = [sentence for sentence in found if sentence.time_of_day_us is not None]
-    dropped["no fix"] += len(found) - len(timed)
-    with_fix = np.array([sentence.position is not None for sentence in timed], dtype=np.bool_)
-    if not with_fix.any():
-        dropped["no fix"] += len(timed)
+        sentences = [sentence for sentence in sentences if sentence.checked]
+    for kind in ("RMC", "GGA"):
+        of_kind = [sentence for sentence in sentences if sentence.type == kind]
+        if any(sentence.position for sentence in of_kind):
+            break
+    else:
+        dropped.update(sentence.lacks for sentence in sentences)
         raise _no_fix(dropped, _OTHER.findall(text))
-    clock, dated = _unwrapped(timed)
-    time, steps, kept = _steady(clock, with_fix, [sentence.type for sentence in timed])
-    for row, step in _set_by_seconds(time, kept, timed):
-        time[:row] += step
-        steps.append(step)
-    dropped["no fix"] += int((kept & ~with_fix).sum())
-    dropped["a time out of order"] += int((~kept).sum())
-    zero, start = int(time[0]), None
-    if dated is not None:
-        day = dt.datetime.fromordinal(dated[1]).replace(tzinfo=dt.UTC)
-        of_day, after = timed[dated[0]].time_of_day_us or 0, int(time[dated[0]]) - zero
-        start = day + dt.timedelta(microseconds=of_day - after)
-    rows = np.flatnonzero(kept & with_fix)
-    rows = rows[np.argsort(time[rows], kind="stable")]
-    first: dict[int, int] = {}  # the row of each instant
-    pairs = []  # rows of one instant, of two types
-    for row in rows.tolist():
-        one = first.setdefault(int(time[row]), row)
-        if timed[one].type != timed[row].type:
-            pairs.append((one, row))
-        elif one != row:
-            dropped["a time that another has"] += 1
-    once = list(first.values())
-    notes = [
-        f"the receiver's clock was set {'back' if step < 0 else 'on'} by {abs(step) / 1e6:,.0f} s: "
-        "times before count on from the ones after"
-        for step in steps
-    ]
-    if unchecked:
-        notes.append(f"{unchecked:,} sentences have no checksum, so that damage is not noticed")
-    if pairs:
-        both = np.array([[timed[row].position for row in pair] for pair in pairs])
-        apart_m = float(np.median(great_circle(both[:, 0], both[:, 1])))
-        if apart_m > APART_M:
-            notes.append(
-                f"sentences of one instant are {apart_m:.0f} m apart, as of two receivers: keep "
-                "those of one, such as of one talker"
-            )
+    dropped.update(sentence.lacks for sentence in of_kind if sentence.lacks)
+    timed = [sentence for sentence in of_kind if sentence.time_of_day_us is not None]
+    of_day = np.array([sentence.time_of_day_us for sentence in timed])
+    step = (np.diff(of_day) + _DAY_US // 2) % _DAY_US - _DAY_US // 2
+    time = np.append(0, np.cumsum(step))
+    # some receivers change the date seconds after midnight
+    midnights = (time + of_day[0]) // _DAY_US
+    day: int | None = None
+    for row, sentence in enumerate(timed):
+        if row and step[row - 1] < 0:
+            raise _clock_error(f"time runs backwards by {-step[row - 1] / 1e6:,.12g} s", kind, row)
+        if sentence.ordinal is not None:
+            zero = sentence.ordinal - int(midnights[row])
+            if day is not None and abs(zero - day) > 1:
+                raise _clock_error(f"the date changes by {abs(zero - day):,} days", kind, row)
+            day = zero if day is None else max(day, zero)
+    rows = [row for row, sentence in enumerate(timed) if sentence.position]
+    early = step[: rows[0]][step[: rows[0]] > 0]
+    if early.size and early.max() >= 2 * early.min():  # else lost sentences would pass for time
+        row = int(np.argmax(step[: rows[0]])) + 1
+        raise _clock_error(
+            f"before the first fix, time steps by {early.max() / 1e6:,.12g} s", kind, row
+        )
+    start = None
+    if day is not None:
+        start = dt.datetime.fromordinal(day).replace(tzinfo=dt.UTC)
+        start += dt.timedelta(microseconds=int(of_day[0]))
     return Fixes(
-        time[once] - zero,
-        np.array([timed[row].position for row in once]),
+        time[rows],
+        np.array([timed[row].position for row in rows]),
         "geographic",
         start,
-        +dropped,
-        len(once) + sum(dropped.values()),
-        tuple(notes),
+        dropped,
+        len(rows) + sum(dropped.values()),
+    )
+
+
+def _clock_error(what: str, kind: str, row: int) -> GroundTruthError:
+    return GroundTruthError(
+        f"{what} at {kind} sentence {row + 1}, where the receiver set its clock or another log "
+        "begins: keep the sentences on one side of it, and give the second of the recording at "
+        "which they begin (Track.shifted)"
     )
 
 
 @dataclass(frozen=True)
 class _Sentence:
-    type: str  # talker and type
+    type: str  # RMC or GGA
     checked: bool  # whether it has a checksum, which fits
     time_of_day_us: int | None  # None before the receiver has a time
     ordinal: int | None  # proleptic day number of the date, if stated
     position: tuple[float, float] | None  # None if the receiver had no fix
+    lacks: str  # why it has no position
 
 
 def _sentences(text: str, dropped: Counter[str]) -> Iterator[_Sentence]:
@@ -145,7 +127,7 @@ def _sentences(text: str, dropped: Counter[str]) -> Iterator[_Sentence]:
         try:
             yield _parsed(match["type"], body.split(","), match["sum"] is not None)
         except (ValueError, IndexError):
-            dropped["unreadable field" if match["sum"] else "no checksum"] += 1
+            dropped["unreadable field"] += 1
 
 
 def _parsed(kind: str, fields: list[str], checked: bool) -> _Sentence:
@@ -159,17 +141,21 @@ def _parsed(kind: str, fields: list[str], checked: bool) -> _Sentence:
             raise ValueError
         time = (hour * 3600 + minute * 60 + second) * 1_000_000
         time += int((clock[4] or "0").ljust(6, "0"))
-    if kind.endswith("RMC"):
+    if kind == "RMC":
         valid, first = fields[2] == "A", 3  # the field of the latitude
+        how = fields[12] if len(fields) > 12 else ""
         if fields[9]:
             ordinal = dt.datetime.strptime(fields[9], "%d%m%y").toordinal()
     else:
         valid, first = fields[6] not in ("", "0"), 2
+        how = fields[6]
+    if how in _NOT_MEASURED:
+        return _Sentence(kind, checked, time, ordinal, None, "an estimated fix")
     if time is None or not valid:
-        return _Sentence(kind, checked, time, ordinal, None)
+        return _Sentence(kind, checked, time, ordinal, None, "no fix")
     latitude = _degrees(fields[first], fields[first + 1], "NS", 90.0)
     longitude = _degrees(fields[first + 2], fields[first + 3], "EW", 180.0)
-    return _Sentence(kind, checked, time, ordinal, (latitude, longitude))
+    return _Sentence(kind, checked, time, ordinal, (latitude, longitude), "")
 
 
 def _degrees(value: str, side: str, sides: str, limit: float) -> float:
@@ -181,97 +167,6 @@ def _degrees(value: str, side: str, sides: str, limit: float) -> float:
     if float(angle[2]) >= 60.0 or degrees > limit:
         raise ValueError
     return degrees if side == sides[0] else -degrees
-
-
-def _unwrapped(
-    timed: list[_Sentence],
-) -> tuple[npt.NDArray[np.int64], tuple[int, int] | None]:
-    """Return the clock of each sentence over midnight, and the last dated row with its day."""
-    clock = np.zeros(len(timed), dtype=np.int64)
-    day_0 = dated = None
-    last = timed[0].time_of_day_us or 0
-    for row, sentence in enumerate(timed):
-        of_day = sentence.time_of_day_us or 0
-        # take the day on which this time of day is nearest to the sentence before ...
-        near = last + (of_day - last + _DAY_US // 2) % _DAY_US - _DAY_US // 2
-        time = near
-        if sentence.ordinal is not None:  # ... unless the sentence states its date
-            if day_0 is None:
-                day_0 = sentence.ordinal - near // _DAY_US
-            time = (sentence.ordinal - day_0) * _DAY_US + of_day
-            # which some receivers change seconds before or after midnight
-            midnight = min(of_day, _DAY_US - of_day) < _LEAP_US
-            if midnight and abs(time - near) == _DAY_US and abs(near - last) < _LEAP_US:
-                time = near
-            elif sentence.position is not None or dated is None:
-                dated = row, sentence.ordinal
-        clock[row] = last = time
-    return clock, dated
-
-
-def _steady(
-    clock: npt.NDArray[np.int64], with_fix: npt.NDArray[np.bool_], types: list[str]
-) -> tuple[npt.NDArray[np.int64], list[int], npt.NDArray[np.bool_]]:
-    """Return times that do not jump where the clock was set, its steps, and which rows to keep."""
-    forwards = np.diff(clock)
-    forwards = forwards[(forwards > 0) & (forwards < _HOUR_US)]
-    interval = int(np.median(forwards)) if forwards.size else 0
-    time, kept, steps = clock.copy(), np.ones(clock.size, dtype=np.bool_), []
-    newest, fixed = int(clock[0]), False
-    newest_of: dict[str, int] = {}  # a type of sentence never repeats a time
-    for row, now in enumerate(clock.tolist()):
-        ahead = now - newest
-        again = not fixed and bool(with_fix[row]) and now <= newest_of.get(types[row], now - 1)
-        rolled = abs(ahead) > _HOUR_US and (ahead + _LEAP_US) % _ROLLOVER_US < 2 * _LEAP_US
-        if ahead < -_LATE_US or rolled or (not fixed and (ahead > _HOUR_US or again)):
-            following = clock[row + 1 : row + 3]
-            alone = (np.abs(following - newest) < np.abs(following - now)).any()
-            if (alone and not again) or (fixed and row + 1 == clock.size):
-                kept[row] = False
-                continue
-            if fixed and ahead < -_LEAP_US and not rolled:
-                raise GroundTruthError(
-                    f"time runs backwards by {-ahead / 1e6:g} s at RMC/GGA sentence {row + 1}: "
-                    "split the log there and use the part of this traverse"
-                )
-            time[:row] += ahead - interval
-            steps.append(ahead - interval)
-            newest, newest_of = now, {}
-        newest_of[types[row]] = now
-        newest, fixed = max(newest, now), fixed or bool(with_fix[row])
-    return time, steps, kept
-
-
-def _set_by_seconds(
-    time: npt.NDArray[np.int64], kept: npt.NDArray[np.bool_], timed: list[_Sentence]
-) -> Iterator[tuple[int, int]]:
-    """Yield the rows at which the clock was set by seconds that `_steady` lets pass, and the steps.
-
-    Of the type of sentence that begins each instant, times go on by one interval before and after.
-    """
-    types = np.array([sentence.type for sentence in timed])
-    begins = Counter(types[np.flatnonzero(np.diff(time)) + 1].tolist())
-    rows = np.flatnonzero(kept & (types == max(begins, key=lambda kind: begins[kind], default="")))
-    gaps = np.diff(time[rows])
-    if not (gaps > 0).any():
-        return
-    interval = float(np.median(gaps[gaps > 0]))
-    regular = np.abs(gaps - interval) <= 0.1 * interval
-    at = np.array([timed[row].position or (np.nan, np.nan) for row in rows])
-    moved_m = great_circle(at[1:], at[:-1])
-    for i in np.flatnonzero(~regular[2:-2]).tolist():
-        beside = [i, i + 1, i + 3, i + 4]
-        gap, step = int(gaps[i + 2]), round((gaps[i + 2] - interval) / 1e6) * 1_000_000
-        whole = abs(gap - interval - step) <= 0.1 * interval and 0 < abs(step) < _LEAP_US
-        if not (whole and regular[beside].all()):
-            continue
-        usual_m = float(moved_m[beside].mean())
-        off_m = np.abs(moved_m[[*beside, i + 2]] - usual_m)
-        was_set = gap < 0 or (gap == 0 and moved_m[i + 2] > max(usual_m / 2, _MOVED_M))
-        if step > 0 and usual_m * step / interval >= _LACKS_M:
-            was_set = bool((off_m <= _STEADY_SHARE * usual_m).all())
-        if was_set:
-            yield int(rows[i + 3]), step
 
 
 def _no_fix(dropped: Counter[str], others: list[str]) -> GroundTruthError:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import datetime as dt
 import re
 from collections import Counter
-from dataclasses import replace
 from itertools import takewhile
 from pathlib import Path
 from types import MappingProxyType
@@ -16,7 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from edge_vpr.errors import GroundTruthError, as_path
-from edge_vpr.evaluation.fixes import Fixes, in_order, possible
+from edge_vpr.evaluation.fixes import Fixes, in_order, within_reach
 from edge_vpr.evaluation.nmea import is_nmea, read_nmea
 from edge_vpr.evaluation.tables import (
     UNKNOWN,
@@ -27,7 +26,7 @@ from edge_vpr.evaluation.tables import (
     read_cells,
     read_text,
 )
-from edge_vpr.evaluation.tracks import Track, unit_doubts
+from edge_vpr.evaluation.tracks import MAX_GAP_US, Track
 from edge_vpr.events import TIME_LIMIT_US
 from edge_vpr.files import replacing
 from edge_vpr.recordings.memory import column_names
@@ -42,7 +41,7 @@ AnyTrack: TypeAlias = Track | TableData | str | Path
 _PLACE = Path("the track data")
 
 
-def load_track(path: str | Path | TableData, *, max_gap_s: float | None = None) -> Track:
+def load_track(path: str | Path | TableData, *, max_gap_s: float = MAX_GAP_US / 1e6) -> Track:
     """Read a track from a GPS log, a table with names, or poses as TUM and KITTI write them.
 
     Parameters
@@ -56,16 +55,15 @@ def load_track(path: str | Path | TableData, *, max_gap_s: float | None = None) 
         any of these ``distance_m`` of an odometer; others are ignored. Poses have eight numbers a
         line (TUM: seconds, position, rotation), or twelve (KITTI: the first three rows of a pose;
         the seconds are in ``times.txt`` beside it, or in KITTI's own folder).
-    max_gap_s : float, optional
-        Positions between points further apart are unknown; found from the points by default, see
-        `Track.bridged`.
+    max_gap_s : float
+        Positions between points further apart are unknown.
 
     Returns
     -------
     Track
         Times are those of the file, also where they count from 1970: see `Track.shifted`. Of a log
         with dates, time 0 is its first entry with a time, and `start_utc` is set. What no drive can
-        have is left out and counted in `Track.dropped`, see `fixes.possible`.
+        have is left out and counted in `Track.dropped`, see `fixes.within_reach`.
 
     Raises
     ------
@@ -78,28 +76,26 @@ def load_track(path: str | Path | TableData, *, max_gap_s: float | None = None) 
     >>> load_track({"time_s": [0.0, 1.0, 2.0], "x_m": [0.0, 4.0, 9.0]}).at([500_000]).tolist()
     [[2.0]]
     """
-    if max_gap_s is not None and not max_gap_s > 0:
+    if not max_gap_s > 0:
         raise GroundTruthError(
             f"a longest gap of {max_gap_s:g} s (max_gap_s=): expected seconds such as 20"
         )
     names = column_names(path)
     place = as_path(path, "a track") if names is None else _PLACE
     try:
-        found = (
+        read = (
             _fixes(place) if names is None else _named_columns(place, *cells_of(path, names, place))
         )
-        fixes = possible(in_order(found))
-        track = Track(
+        fixes = within_reach(in_order(read))
+        return Track(
             fixes.time_us,
             fixes.position,
             fixes.kind,
-            None if max_gap_s is None else round(min(max_gap_s * 1e6, TIME_LIMIT_US)),
+            round(min(max_gap_s * 1e6, TIME_LIMIT_US)),
             fixes.start_utc,
             MappingProxyType(dict(fixes.dropped)),
             fixes.entries,
-            tuple(fixes.notes),
         )
-        return replace(track, notes=(*track.notes, *unit_doubts(track)))
     except GroundTruthError as error:
         message = str(error)
         raise GroundTruthError(
@@ -128,32 +124,17 @@ def _fixes(path: Path) -> Fixes:
 # GPX, the exchange format of hand-held receivers and telephones.
 
 _MICROSECOND = dt.timedelta(microseconds=1)
-_WRITTEN_TIME = re.compile(
-    r"(\d{4})[-/.](\d\d?)[-/.](\d\d?)[T ]+(\d\d?):(\d\d):(\d\d)(?:[.,](\d{1,6})\d*)?"
-    r"\s*(Z|UTC|GMT|[+-]\d\d(?::?\d\d)?)?",
-    re.IGNORECASE,
-)
 
 
 def _utc(text: str) -> dt.datetime | None:
-    """Read a date with its time; UTC if it states no zone, as in GPX. None if it is unreadable."""
-    match = _WRITTEN_TIME.fullmatch(text.strip())
-    if match is None:
+    """Read a date with its time (ISO 8601); UTC if it states no zone. None if it is no such."""
+    if ":" not in text:  # a number, which can look like a date without separators
         return None
-    *numbers_, fraction, zone = match.groups()
-    offset = dt.timedelta()
-    if zone and zone[0] in "+-":
-        digits = zone[1:].replace(":", "").ljust(4, "0")
-        offset = dt.timedelta(hours=int(digits[:2]), minutes=int(digits[2:]))
-        offset = -offset if zone[0] == "-" else offset
     try:
-        year, month, day, hour, minute, second = (int(number) for number in numbers_)
-        time = dt.datetime(year, month, day, hour, minute, tzinfo=dt.UTC)
-        return time + dt.timedelta(
-            seconds=second, microseconds=int((fraction or "0").ljust(6, "0"))
-        ) - offset  # fmt: skip
-    except (ValueError, OverflowError):
+        time = dt.datetime.fromisoformat(text.strip())
+    except ValueError:
         return None
+    return time.replace(tzinfo=dt.UTC) if time.tzinfo is None else time.astimezone(dt.UTC)
 
 
 def _of_dates(
@@ -171,11 +152,14 @@ def _gpx(text: str) -> Fixes:
     entries, unread = 0, ""
     for point in _points(text):
         entries += 1
-        written = next((child.text or "" for child in point if _name(child) == "time"), "")
+        parts = {_name(child): (child.text or "").strip() for child in point}
+        written = parts.get("time", "")
         time, position = _utc(written), _position(point)
-        if time is None:
-            dropped["unreadable time" if written.strip() else "no time"] += 1
-            unread = unread or written.strip()
+        if parts.get("fix") == "none":
+            dropped["no fix"] += 1
+        elif time is None:
+            dropped["unreadable time" if written else "no time"] += 1
+            unread = unread or written
         elif position is None:
             dropped["unreadable position"] += 1
         else:
@@ -205,8 +189,8 @@ def _points(text: str) -> list[ElementTree.Element]:
         raise GroundTruthError(f"this is not a GPX file ({error}): export it again") from error
     if _name(root) == "kml":
         raise GroundTruthError("this is KML: convert it to GPX, for example with GPSBabel")
-    found = [element for element in root.iter() if _name(element) in ("trkpt", "wpt")]
-    return [point for point in found if _name(point) == "trkpt"] or found
+    points = [element for element in root.iter() if _name(element) in ("trkpt", "wpt")]
+    return [point for point in points if _name(point) == "trkpt"] or points
 
 
 def _name(element: ElementTree.Element) -> str:
@@ -244,7 +228,6 @@ _POSITION_COLUMNS: tuple[tuple[Kind, tuple[str, ...]], ...] = (
     ("metric", ("px", "py", "pz")),
     ("metric", ("p_rs_r_x", "p_rs_r_y", "p_rs_r_z")),
 )
-_COMPASS = ("N", "S", "E", "W", "")
 _NUMBER = re.compile(r"[-+]?(?:\d+[.,]?\d*|[.,]\d+)(?:e[-+]?\d+)?|nan", re.IGNORECASE)
 
 
@@ -265,33 +248,34 @@ def _named_columns(path: Path, header: tuple[str, ...], rows: list[list[str]]) -
     """Return times and positions of a table, found by the names of its columns."""
     times = [i for i, name in enumerate(header) if _TIME_COLUMN.fullmatch(name)]
     names = [_POSITION_UNIT.sub("", name) for name in header]
-    found = []
+    positions: list[tuple[Kind, list[int]]] = []
     for kind, wanted in _POSITION_COLUMNS:
         columns = [names.index(name) for name in takewhile(names.__contains__, wanted)]
         if len(columns) == len(wanted) or (columns and kind == "metric"):
-            found.append((kind, columns))
-    if not found and "distance" in names:  # of an odometer
-        found.append(("metric", [names.index("distance")]))
+            positions.append((kind, columns))
+    if not positions and "distance" in names:  # of an odometer
+        positions.append(("metric", [names.index("distance")]))
     if len(times) > 1:
         raise GroundTruthError(
             f"{path} has {len(times)} columns of time ({', '.join(header[i] for i in times)}): "
             "leave all but one out"
         )
-    if len(found) > 1:
-        kinds = " and ".join(",".join(header[i] for i in columns) for _, columns in found)
+    if len(positions) > 1:
+        kinds = " and ".join(",".join(header[i] for i in columns) for _, columns in positions)
         raise GroundTruthError(
-            f"{path} has {len(found)} kinds of position ({kinds}): leave all but one out"
+            f"{path} has {len(positions)} kinds of position ({kinds}): leave all but one out"
         )
-    if not times or not found:
+    if not times or not positions:
         raise GroundTruthError(
             f"{path} has the header {','.join(header)!r}: expected time_s,x_m[,y_m[,z_m]], "
             "time_s,position_m, time_s,distance_m or time_s,latitude,longitude; times can be "
             "timestamp_ns too"
         )
-    ((kind, columns),) = found
+    ((kind, columns),) = positions
     position = numbers(path, header, rows, columns, unknown=True)
     if kind == "geographic":
-        position = _degrees(path, position, rows)
+        longitude = position[:, 1]
+        longitude -= 360.0 * ((longitude > 180.0) & (longitude <= 360.0))
     written = [row[times[0]] for row in rows]
     timed = np.array([time.lower() not in UNKNOWN for time in written])
     dropped = Counter({"no time": int((~timed).sum())})
@@ -303,39 +287,13 @@ def _named_columns(path: Path, header: tuple[str, ...], rows: list[list[str]]) -
         if None in dates:
             wrong = written[dates.index(None)]
             raise GroundTruthError(f"{path} has the time {wrong!r}: write all of them alike")
-        known = [date for date in dates if date is not None]
-        return _of_dates(known, position, dropped, len(rows))._replace(kind=kind)
+        stated = [date for date in dates if date is not None]
+        return _of_dates(stated, position, dropped, len(rows))._replace(kind=kind)
     kept = [row for row, is_timed in zip(rows, timed.tolist(), strict=True) if is_timed]
     match = _TIME_COLUMN.fullmatch(header[times[0]])
     assert match is not None
     time_us = _times_us(path, numbers(path, header, kept, [times[0]])[:, 0], match[1] or "s")
     return Fixes(time_us, position, kind, None, dropped, len(rows))
-
-
-def _degrees(path: Path, position: Floats, rows: list[list[str]]) -> Floats:
-    """Return latitudes and longitudes with the signs of columns of N or S and of E or W."""
-    known = np.abs(position[np.isfinite(position).all(axis=1)])
-    usual = np.median(known, axis=0) if known.size else np.zeros(2)
-    if usual[0] > 180.0 or usual[1] > 360.0:
-        minutes = (usual < (9_000.0, 18_000.0)).all() and np.mean(known % 100 < 60) > 0.99
-        raise GroundTruthError(
-            f"{path} has latitudes and longitudes of about {usual[0]:g} and {usual[1]:g}: give "
-            + ("degrees, which are dd + mm.mmmm / 60 of ddmm.mmmm" if minutes else "degrees")
-            + ("" if usual.max() < 1e6 else ": divide units of 1e-7 degrees by 10,000,000")
-        )
-    if (position[:, 1] > 180.0).any() and not (position[:, 1] < 0.0).any():  # 0 to 360, eastwards
-        position[:, 1] -= 360.0 * (position[:, 1] > 180.0)
-    # a column of N and S alone can be a heading; cells without a fix are empty
-    columns = [
-        [row[i].upper() for row in rows]
-        for i in range(len(rows[0]))
-        if all(row[i].upper() in _COMPASS for row in rows)
-    ]
-    for south in (column for column in columns if {"N", "S", ""} >= {*column} != {""}):
-        for west in (column for column in columns if {"E", "W", ""} >= {*column} != {""}):
-            negative = np.column_stack([np.isin(south, "S"), np.isin(west, "W")])
-            return np.where(negative, -np.abs(position), position)
-    return position
 
 
 def _poses(path: Path, text: str) -> Fixes:

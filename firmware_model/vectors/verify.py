@@ -53,8 +53,13 @@ def read_results(path: str | Path) -> list[Record]:
         if path.suffix.lower() != ".csv":
             return list(from_binary(read_file(path), str(path)))
         text = read_file(path).decode("ascii")
-    except (OSError, UnicodeDecodeError) as error:
-        reason = getattr(error, "strerror", None) or error
+    except UnicodeDecodeError as error:
+        raise VectorError(
+            f"{path} holds the byte {error.object[error.start]:#x}, and results are ASCII: save "
+            "them as UTF-8 without a byte order mark (in PowerShell by Out-File -Encoding ascii)"
+        ) from None
+    except OSError as error:
+        reason = error.strerror or error
         raise VectorError(f"cannot read results from {path}: {reason}: name a file") from error
     return [
         _from_line(line, f"{path}, line {number}")

@@ -5,7 +5,6 @@ from __future__ import annotations
 import datetime as dt
 import math
 import tracemalloc
-from fractions import Fraction
 from pathlib import Path
 
 import naive
@@ -163,18 +162,17 @@ def test_rmc_and_gga_of_one_instant_are_one_point_and_tenths_of_a_second_are_kep
 def test_time_goes_on_past_midnight_with_dates_and_without(tmp_path):
     dated = [rmc("235959.00", 0, 0, "311220"), rmc("000000.00", 0, 0, "010121")]
     undated = [gga("235959.00", 0, 0), gga("000000.00", 0, 0)]
-    for lines in (dated, undated, [undated[0], dated[1]], [dated[0], undated[1]]):
+    for lines in (dated, undated):
         track = load_track(written(tmp_path, *lines))
         np.testing.assert_array_equal(track.time_us, [0, SECOND])
         expected = dt.datetime(2020, 12, 31, 23, 59, 59, tzinfo=dt.UTC)
         assert track.start_utc == (None if lines is undated else expected)
 
 
-def test_a_date_counts_whole_days(tmp_path):
-    track = load_track(
-        written(tmp_path, rmc("120000.00", 0, 0, "280220"), rmc("120000.00", 0, 0, "010320"))
-    )
-    assert track.time_us.tolist() == [0, 2 * 86_400 * SECOND]  # 2020 was a leap year
+def test_a_date_that_jumps_is_a_clock_that_was_set_and_refused(tmp_path):
+    path = written(tmp_path, rmc("120000.00", 0, 0, "050180"), rmc("120001.00", 0, 0, "010320"))
+    with pytest.raises(GroundTruthError, match=r"by 14,666 days at RMC sentence 2.*Track.shifted"):
+        load_track(path)
 
 
 def test_time_zero_is_the_first_second_of_the_log_even_before_the_first_fix(tmp_path):
@@ -186,7 +184,7 @@ def test_time_zero_is_the_first_second_of_the_log_even_before_the_first_fix(tmp_
     ]
     track = load_track(written(tmp_path, *lines))
     assert track.time_us.tolist() == [2 * SECOND]
-    assert dict(track.dropped) == {"no fix": 3}
+    assert dict(track.dropped) == {"no fix": 2}  # of RMC
 
 
 def test_damaged_sentences_are_dropped_and_counted(tmp_path):
@@ -202,7 +200,7 @@ def test_damaged_sentences_are_dropped_and_counted(tmp_path):
     ]
     track = load_track(written(tmp_path, *lines))
     assert track.time_us.tolist() == [0]
-    assert dict(track.dropped) == {"bad checksum": 1, "no checksum": 2, "unreadable field": 2}
+    assert dict(track.dropped) == {"bad checksum": 1, "no checksum": 1, "unreadable field": 3}
 
 
 def test_a_log_without_a_fix_says_so_and_what_to_do(tmp_path):
@@ -219,7 +217,7 @@ def test_a_log_without_a_fix_says_so_and_what_to_do(tmp_path):
 def test_a_log_whose_time_runs_backwards_is_refused(tmp_path):
     minutes = ("070303.00", "070001.00", "070002.00", "070003.00")
     path = written(tmp_path, *(rmc(time, 1, 1) for time in minutes))
-    with pytest.raises(GroundTruthError, match="backwards by 182 s at RMC/GGA sentence 2"):
+    with pytest.raises(GroundTruthError, match="backwards by 182 s at RMC sentence 2"):
         load_track(path)
 
 
@@ -263,19 +261,20 @@ def test_real_logs_give_every_second_that_they_hold(shared_data, traverse, fixes
 def test_a_table_is_read_by_its_header(tmp_path, header, kind, columns):
     path = tmp_path / "track.csv"
     path.write_text(f"# by hand\n{header}\n" + "".join(
-        f"{time},{','.join(str(time + c) for c in range(columns))}\n" for time in (0, 0.000001, 1.5)
+        f"{time},{','.join(str(time / 1e5 + c) for c in range(columns))}\n"
+        for time in (0, 0.000001, 1.5)
     ))  # fmt: skip
     track = load_track(path)
     assert track.kind == kind
     assert track.time_us.tolist() == [0, 1, 1_500_000]
-    np.testing.assert_array_equal(track.position[2], 1.5 + np.arange(columns))
+    np.testing.assert_array_equal(track.position[2], 1.5e-5 + np.arange(columns))
 
 
-def test_points_set_by_hand_may_lie_far_apart_if_asked_for(tmp_path):
+def test_points_further_apart_than_5_s_are_bridged_if_asked_for(tmp_path):
     path = tmp_path / "track.csv"
     path.write_text("time_s,position_m\n0,0\n60,30\n")
-    assert np.isnan(load_track(path, max_gap_s=5.0).at([30 * SECOND])).all()
-    assert load_track(path).at([30 * SECOND]).tolist() == [[15.0]]
+    assert np.isnan(load_track(path).at([30 * SECOND])).all()
+    assert load_track(path, max_gap_s=60.0).at([30 * SECOND]).tolist() == [[15.0]]
 
 
 @pytest.mark.parametrize(
@@ -287,7 +286,7 @@ def test_points_set_by_hand_may_lie_far_apart_if_asked_for(tmp_path):
         ("a.csv", "time_s,x_m\n0,zero\n", "row 1 has 'zero' in x_m"),
         ("a.csv", "time_s,x_m\n0,0\n1\n", "row 2 is '1', not 2 cells"),
         ("a.csv", "time_s,x_m\n0,inf\n", "row 1 is not finite"),
-        ("a.csv", "time_s,x_m\n9,0\n0,0\n", "a.csv: time runs backwards by 9 s at point 2"),
+        ("a.csv", "time_s,x_m\n9,0\n0,0\n", "a.csv: time runs backwards by 9 s at entry 2"),
         ("a.xlsx", "", r"give a log of NMEA or GPX, a \.csv table, or poses of TUM or KITTI"),
     ],
 )
@@ -318,7 +317,6 @@ def tracks(kind: str):
             np.arange(len(steps)) * 3 * SECOND,
             np.cumsum(steps, axis=0) * scale + origin,
             kind,
-            max_gap_us=None,
         )
     )
 
@@ -339,6 +337,7 @@ def test_truth_from_tracks_is_the_oracles_however_the_matrix_is_cut(kind, data, 
             with pytest.raises(GroundTruthError, match="no query lies within"):
                 from_tracks(reference, query, places, queries, tolerance)
             return
+        patch.setattr(ground_truth, "MOST_CHANCE", 1.0)
         truth = from_tracks(reference, query, places, queries, tolerance)
     # sines of two libraries may differ in the last bit: cells on the very border are left out
     clear = ~(np.abs(np.array(expected) - tolerance) < 1e-6)
@@ -360,30 +359,53 @@ def test_truth_from_tracks_is_the_oracles_however_the_matrix_is_cut(kind, data, 
     np.testing.assert_array_equal(truth.has_place, truth.correct.any(axis=0))
 
 
+def test_a_truth_that_more_than_half_of_all_pairs_pass_is_refused():
+    here = Track([0, 4 * SECOND], [[0.0], [4.0]])
+    assert from_tracks(here, here, centres(4), centres(4), 0.9).chance == 0.25
+    assert from_matrix(np.eye(2), 2, 2, rows="query").chance == 0.5
+    for truth in (
+        lambda: from_tracks(here, here, centres(4), centres(4), 1.0),
+        lambda: from_alignment(Alignment([[0, 0], [9, 9]], "s"), centres(4), centres(4), 1.0),
+        lambda: from_matrix(np.tri(4), 4, 4, rows="query"),
+    ):
+        with pytest.raises(
+            GroundTruthError, match=r"^6[23]% of all pairs of place and query count"
+        ):
+            truth()
+
+
 def test_the_description_counts_what_is_known():
-    reference, query = (Track([0, 10 * SECOND], [[0.0], [10.0]]) for _ in range(2))
+    reference, query = (
+        Track([0, 10 * SECOND], [[0.0], [10.0]], max_gap_us=10 * SECOND) for _ in range(2)
+    )
     truth = from_tracks(reference, query, centres(8), centres(14), 1.0)
     assert truth.description == (
-        "metric tracks at 1 m, 8 of 8 places with a position, "
-        "100 % of the query's track along the reference's; "
+        "metric tracks at 1 m, 8 of 8 places with a position; "
         "10 of 14 windows known, 9 with a place"
     )
 
 
 def test_tracks_that_cannot_be_compared_or_never_meet_are_refused():
-    here = Track([0, 9 * SECOND], [[0.0], [9.0]])
-    far = Track([0, 9 * SECOND], [[1000.0], [1009.0]])
-    flat = Track([0, 9 * SECOND], [[0.0, 0.0], [9.0, 0.0]])
-    earth = Track([0, 9 * SECOND], [[0.0, 0.0], [9.0, 0.0]], "geographic")
-    sparse = Track([0, 9 * SECOND], [[0.0], [9.0]], max_gap_us=SECOND)
+    here = Track([0, 4 * SECOND], [[0.0], [4.0]])
+    far = Track([0, 4 * SECOND], [[1000.0], [1004.0]])
+    flat = Track([0, 4 * SECOND], [[0.0, 0.0], [4.0, 0.0]])
+    earth = Track([0, 4 * SECOND], [[0.0, 0.0], [4.0, 0.0]], "geographic")
+    sparse = Track([0, 9 * SECOND], [[0.0], [9.0]])
     for other in (flat, earth):
         with pytest.raises(GroundTruthError, match="give two tracks of one kind"):
             from_tracks(here, other, centres(3), centres(3), 1.0)
-    with pytest.raises(GroundTruthError, match="no query lies within 1 m of any place"):
+    with pytest.raises(
+        GroundTruthError, match="no query lies within 1 m of any place, the nearest 998 m away"
+    ):
         from_tracks(here, far, centres(3), centres(3), 1.0)
-    with pytest.raises(GroundTruthError, match="reference track covers 0 to 9 s in 2 points"):
+    with pytest.raises(
+        GroundTruthError,
+        match=r"reference track covers 0 to 9 s in 2 points .* 9 s apart.*: give max_gap_s=",
+    ):
         from_tracks(sparse, here, centres(3), centres(3), 1.0)
-    with pytest.raises(GroundTruthError, match="query track covers"):
+    with pytest.raises(
+        GroundTruthError, match=r"query track covers 0 to 4 s .* give the log of this"
+    ):
         from_tracks(here, here, centres(3), centres(3) + 60 * SECOND, 1.0)
     with pytest.raises(GroundTruthError, match="tolerance nan is not a distance"):
         from_tracks(here, here, centres(3), centres(3), math.nan)
@@ -441,6 +463,7 @@ def test_truth_from_an_alignment_is_the_oracles(times, data, tolerance, cells):
             with pytest.raises(GroundTruthError):
                 from_alignment(alignment, places * SECOND, queries * SECOND, tolerance)
             return
+        patch.setattr(ground_truth, "MOST_CHANCE", 1.0)
         truth = from_alignment(alignment, places * SECOND, queries * SECOND, tolerance)
     np.testing.assert_array_equal(truth.correct, correct)
     np.testing.assert_array_equal(truth.known, [e is not None for e in expected])
@@ -505,44 +528,10 @@ def test_the_wrong_unit_shows_in_the_error():
         from_alignment(alignment.pairs, seconds, seconds, 60)
 
 
-def test_an_alignment_in_another_unit_than_its_header_says_is_doubted():
-    alignment, seconds = Alignment([[0, 0], [60_000, 55_000]], "s"), np.arange(0.5, 60) * SECOND
-    assert from_alignment(alignment, seconds, seconds, 2).notes == (
-        "the alignment's moments in the query reach 60000, and its windows 59.5, in the reference "
-        "reach 55000, and its windows 59.5: is the alignment of this drive, and the unit or "
-        "frame_period= right?",
-    )
-    in_seconds = Alignment(np.asarray(alignment.pairs) / 1000, "s")
-    assert from_alignment(in_seconds, seconds, seconds, 2).notes == ()
-
-
-@pytest.mark.parametrize(("unit", "period"), [("s", 1), ("frame", Fraction(1, 10))])
-@pytest.mark.parametrize(("points", "windows"), [
-    ([0, 200], 0),  # the line is all that is said
-    (range(0, 200, 30), 0),  # sparse everywhere
-    ([*range(60), *range(64, 200)], 0),  # a gap of 5 s
-    ([*range(60), *range(90, 200)], 31),
-    ([*range(0, 60, 8), *range(140, 200, 8)], 84),
-])  # fmt: skip
-def test_windows_in_gaps_of_an_alignment_are_counted(points, windows, unit, period):
-    moments = np.array(points) / float(period)
-    centres = np.arange(0.5, 170) * SECOND
-    truth = from_alignment(
-        Alignment(np.column_stack([moments, moments]), unit), centres, centres, 5 / float(period),
-        frame_period=period,
-    )  # fmt: skip
-    said = [
-        note for note in truth.notes if f" s of the query, and {windows} windows lie in" in note
-    ]
-    assert (
-        len(said) == len([note for note in truth.notes if "no point from" in note]) == (windows > 0)
-    )
-
-
 def test_a_frame_of_many_seconds_is_doubted_once():
     alignment, seconds = Alignment([[0, 0], [6, 6]], "frame"), np.arange(0.5, 60) * SECOND
     with pytest.warns(EdgeVprWarning, match="a frame lasts 10 s") as caught:
-        from_alignment(alignment, seconds, seconds, 2, frame_period="10")
+        from_alignment(alignment, seconds, seconds, 1, frame_period="10")
     assert len(caught) == 1
 
 

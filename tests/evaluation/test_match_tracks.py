@@ -30,7 +30,7 @@ def drive(tmp_path_factory):
     parts = [events[events["t"] < 1_500_000], noise[noise["t"] >= 1_500_000]]
     write_recording(folder / "strayed.npz", parts, sensor=SENSOR)
     (folder / "gps.csv").write_text(
-        "time_s,latitude,longitude\n0,-27.5,152.9\n2.2,-27.501,152.903\n"
+        "time_s,latitude,longitude\n0,-27.5,152.9\n2.2,-27.501,152.9015\n"
     )
     (folder / "flat.csv").write_text("time_s,x_m,y_m\n0,10,20\n3,40,-10\n")
     (folder / "wheel.csv").write_text("time_s,distance_m\n0,0\n3,30\n")

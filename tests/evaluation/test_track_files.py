@@ -10,7 +10,6 @@ import pytest
 from saved_files import checksum
 
 from edge_vpr.errors import GroundTruthError
-from edge_vpr.evaluation.doubts import overlap
 from edge_vpr.evaluation.ground_truth import from_tracks, load_matrix
 from edge_vpr.evaluation.tables import read_text
 from edge_vpr.evaluation.track_files import load_track
@@ -26,6 +25,7 @@ GPX = """<?xml version="1.0" encoding="{encoding}"?>
 </trkseg><trkseg>
 <trkpt lat="-27.5001" lon="152.9009"><time>2024-01-01T12:00:01.5Z</time></trkpt>
 <trkpt lat="-27.5002" lon="152.9000"></trkpt>
+<trkpt lat="-27.5002" lon="152.9000"><time>2024-01-01T12:00:02Z</time><fix>none</fix></trkpt>
 <trkpt lat="north" lon="152.9000"><time>2024-01-01T12:00:03Z</time></trkpt>
 <trkpt lat="-97.5" lon="152.9000"><time>2024-01-01T12:00:03Z</time></trkpt>
 <trkpt lat="-27.5003" lon="152.9000"><time>2024-01-01T12:00:04</time></trkpt>
@@ -60,10 +60,11 @@ def test_gpx_is_read_in_every_encoding(tmp_path, encoding):
     assert track.position.tolist() == [[-27.5, 152.9], [-27.5001, 152.9], [-27.5003, 152.9]]
     assert dict(track.dropped) == {
         "no time": 1,
+        "no fix": 1,
         "unreadable position": 2,
         "a time that another has": 1,
     }
-    assert track.entries == 7
+    assert track.entries == 8
     assert track.start_utc == dt.datetime(2024, 1, 1, 12, tzinfo=dt.UTC)
 
 
@@ -97,20 +98,6 @@ def test_a_log_in_utf16_is_read_like_any_other(tmp_path, encoding):
     assert load_track(tmp_path / "b.csv").position.tolist() == [[0.0], [2.0]]
 
 
-def test_what_was_left_out_of_a_log_is_said_with_its_share_and_reasons(tmp_path):
-    lines = nmea(20).splitlines(keepends=True)
-    lines[3] = lines[3].replace("A,27", "A,28")
-    for i in (5, 6, 7):
-        lines[i] = lines[i].split("*")[0] + "\r\n"
-    (tmp_path / "log.nmea").write_text("".join(lines))
-    track = load_track(tmp_path / "log.nmea")
-    assert track.describe_dropped() == (
-        "4 of 20 entries were left out (20.0 %: 1 with bad checksum, 3 with no checksum)"
-    )
-    truth = from_tracks(track, track, centres(19), centres(19), 5.0)
-    assert any("query log: 4 of 20 entries were left out" in note for note in truth.notes)
-
-
 @pytest.mark.parametrize(
     ("spoilt", "says"),
     [
@@ -125,52 +112,8 @@ def test_a_log_without_a_fix_gets_advice_that_helps(tmp_path, spoilt, says):
         load_track(tmp_path / "log.nmea")
 
 
-def test_logs_in_swapped_order_are_noticed():
-    reference, query = straight(100, 1_000), straight(60, 1_000)
-    good = from_tracks(reference, query, centres(100), centres(60), 20.0)
-    assert good.notes == ()
-    swapped = from_tracks(query, reference, centres(100), centres(60), 20.0)
-    assert "fit the drives better the other way round" in swapped.notes[0]
-
-
-def test_one_log_for_two_drives_is_noticed():
-    log = straight(100, 1_000)
-    doubts = from_tracks(log, log, centres(100), centres(88), 20.0).notes
-    assert doubts == ("both logs are the same, of drives that are not as long: give one of each",)
-    assert from_tracks(log, log, centres(99), centres(99), 20.0).notes == ()
-
-
-def test_odometry_of_two_drives_is_noticed_by_its_two_frames():
-    """Each drive begins at 0 and drives along x of its own frame, here turned by 90 degrees."""
-    along = np.linspace(0.0, 1_000.0, 101)[:, None] * [[1.0, 0.0]]
-    reference, query = Track(np.arange(101) * S, along), Track(np.arange(101) * S, along[:, ::-1])
-    (note,) = from_tracks(reference, query, centres(100), centres(100), 20.0).notes
-    assert note.startswith("both tracks begin at 0, and only 2 % of the query's runs along")
-    elsewhere = Track(
-        query.time_us, query.position + np.array([200.0, -500.0])
-    )  # in the map's frame
-    assert from_tracks(reference, elsewhere, centres(100), centres(100), 20.0).notes == ()
-    assert from_tracks(reference, reference, centres(100), centres(100), 20.0).notes == ()
-
-
-def test_the_log_of_another_drive_is_noticed_by_its_time():
-    reference = straight(100, 1_000)
-    other = straight(300, 1_000)
-    truth = from_tracks(reference, other, centres(100), centres(60), 20.0)
-    assert any(
-        "query log covers 0 to 300 s and its drive lasts until 60 s" in n for n in truth.notes
-    )
-
-
-def test_the_log_of_a_drive_of_a_few_windows_is_no_other_one_s():
-    """Of three windows the centres span two thirds of the drive."""
-    track = straight(3, 30)
-    notes = from_tracks(track, track, centres(3), centres(3), 10.0).notes
-    assert not any("is it the log of this drive" in note for note in notes)
-
-
 def test_tracks_of_two_routes_say_how_far_they_are_apart():
-    with pytest.raises(GroundTruthError, match="come no nearer than 4,000 m"):
+    with pytest.raises(GroundTruthError, match=r"of any place, the nearest 4,009 m away: check"):
         from_tracks(
             straight(60, 1_000),
             Track(np.arange(61) * S, 5_000.0 + np.arange(61.0)[:, None]),
@@ -178,28 +121,11 @@ def test_tracks_of_two_routes_say_how_far_they_are_apart():
         )  # fmt: skip
 
 
-def test_one_route_at_other_times_says_that_it_is_the_clock():
+def test_one_route_at_other_times_says_that_it_may_be_the_clock():
     """The windows all lie where the reference has not been while it was filmed."""
     reference, query = straight(100, 1_000), straight(100, 1_000)
-    with pytest.raises(GroundTruthError, match=r"100 % of the query's .*Track.shifted"):
+    with pytest.raises(GroundTruthError, match=r"the nearest 4\d\d m .*Track.shifted"):
         from_tracks(reference, query, centres(10), centres(90)[50:], 20.0)
-
-
-def test_times_in_another_unit_than_their_header_says_are_named():
-    first = straight(20, 100)
-    late = Track(first.time_us * 1_000, first.position, max_gap_us=10**12)
-    truth = from_tracks(first, late, centres(20), centres(20), 5.0)
-    assert any("are its times in ms? Name the unit in the header" in note for note in truth.notes)
-
-
-def test_the_share_of_two_ways_in_common_is_measured_in_metres_of_the_query():
-    reference, query = straight(100, 1_000), straight(50, 2_000)
-    found = overlap(reference, query, 5.0)
-    assert found.share == pytest.approx(0.5, abs=0.01)
-    assert found.nearest_m == 0.0
-    assert overlap(reference, reference.shifted(3.0), 5.0).share == 1.0
-    standing = Track([0, S], [[500.0], [500.0]])
-    assert overlap(reference, standing, 5.0) == (1.0, pytest.approx(0.0, abs=1.3))
 
 
 def test_an_offset_sets_a_clock_right():
@@ -215,14 +141,12 @@ def test_an_offset_sets_a_clock_right():
 @pytest.mark.parametrize(
     ("header", "row", "expected"),
     [
-        ("time_s,lat,ns,lon,ew", "{},33.45,s,70.66,W", (-33.45, -70.66)),
-        ("time_s,ew,ns,lat,lon", "{},E,S,-33.45,70.66", (-33.45, 70.66)),
         ("time_s,lat,lon,heading", "{},33.45,70.66,S", (33.45, 70.66)),
         ("time_s,lat,lon", "{},-33.45,289.34", (-33.45, -70.66)),
         ("time_s,lat,lon", "{},33.45,180", (33.45, 180.0)),
     ],
 )
-def test_hemispheres_and_longitudes_up_to_360_are_signed(tmp_path, header, row, expected):
+def test_longitudes_may_count_eastwards_to_360(tmp_path, header, row, expected):
     without = re.sub("[^,]", "", row)
     lines = [header, "9" + without, *(row.format(10 + t) for t in range(3))]
     (tmp_path / "a.csv").write_text("\n".join(lines))
@@ -232,14 +156,7 @@ def test_hemispheres_and_longitudes_up_to_360_are_signed(tmp_path, header, row, 
 def test_a_fill_value_among_degrees_is_left_out(tmp_path):
     rows = [f"{t},{999 if t == 4 else 33.45},{999 if t == 4 else 70.66}" for t in range(9)]
     (tmp_path / "a.csv").write_text("\n".join(["time_s,lat,lon", *rows]))
-    assert dict(load_track(tmp_path / "a.csv").dropped) == {"a position that cannot be reached": 1}
-
-
-def test_radians_are_named(tmp_path):
-    degrees = np.column_stack([np.linspace(33.45, 33.46, 9), np.full(9, -70.66)])
-    for position, named in ((degrees, False), (np.radians(degrees), True)):
-        table = {"time_s": np.arange(9), "lat": position[:, 0], "lon": position[:, 1]}
-        assert ("if they are in radians" in " ".join(load_track(table).notes)) == named
+    assert dict(load_track(tmp_path / "a.csv").dropped) == {"more than 100 m/s": 1}
 
 
 def test_waypoints_with_times_are_a_track_where_there_is_no_other(tmp_path):
@@ -323,11 +240,11 @@ def test_poses_of_tum_and_euroc_and_tables_with_timestamps_are_read(name, head, 
 
 
 def test_a_gps_table_with_timestamps_and_more_columns_is_geographic(tmp_path):
-    text = "timestamp,status,lat,lon,altitude\n0.5,fix,-27.5,152.9,30\n1.5,fix,-27.6,152.8,31\n"
+    text = "timestamp,status,lat,lon,altitude\n0.5,fix,-27.5,152.9,3\n1.5,fix,-27.5001,152.8999,4\n"
     (tmp_path / "fix.csv").write_text(text)
     track = load_track(tmp_path / "fix.csv")
     assert track.kind == "geographic"
-    assert track.position.tolist() == [[-27.5, 152.9], [-27.6, 152.8]]
+    assert track.position.tolist() == [[-27.5, 152.9], [-27.5001, 152.8999]]
     assert track.time_us.tolist() == [500_000, 1_500_000]
 
 
@@ -358,10 +275,9 @@ def test_poses_of_kitti_take_their_times_from_the_sequence(times, tmp_path):
         ("a.csv", "time_s,timestamp,x\n0,1,1\n", "2 columns of time .time_s, timestamp.: leave"),
         ("a.csv", "time_s,lat\n0,1\n", "expected time_s,x_m"),
         ("a.csv", "timestamp,x\n1587452582350000000,1\n", "name their unit .* as in time_ns"),
-        ("a.csv", "time_s,lat,lon\n0,3327.5,7039.6\n", r"degrees, which are dd \+ mm.mmmm / 60"),
-        ("a.csv", "time_s,lat,lon\n0,-334500000,7066000\n", "divide units of 1e-7 degrees"),
-        ("a.csv", "time_s,lat,lon\n0,299.7,5\n", "of about 299.7 and 5: give degrees$"),
-        ("a.csv", "time_s,lat,lon\n0,120,30\n", "give latitude first"),
+        ("a.csv", "time_s,lat,lon\n0,3327.5,7039.6\n", "outside 90 and 180 .* with their decimals"),
+        ("a.csv", "time_s,lat,lon\n0,120,30\n", "latitude first, then longitude"),
+        ("a.csv", "time_s,x_km,y_km\n0,1,1\n", "expected time_s,x_m"),
         ("a.txt", "0 1 2 3\n", "has 4 cells in its first line: poses have 8"),
         ("a.txt", "0 1 2 3 4 5 6 7\n0 1\n", "row 2 is '0,1', not 8 cells"),
         ("a.csv", "1,0,odom,2.5\n", "has 4 cells in its first line: .* tables a header"),
@@ -382,22 +298,21 @@ def test_unix_times_suggest_the_offsets_with_which_the_tracks_cover_the_drives()
     second = straight(10, 100, start_us=(UNIX_S + 900) * S)
     with pytest.raises(GroundTruthError) as raised:
         from_tracks(first, second, centres(10), centres(10), 5.0)
-    offsets = re.search(r"shift by (\S+) (\S+) s .*, if each track", str(raised.value))
-    assert offsets
-    shifted = [
-        track.shifted(float(at))
-        for track, at in zip((first, second), offsets.groups(), strict=True)
-    ]
-    assert from_tracks(*shifted, centres(10), centres(10), 5.0).has_place.all()
-    with pytest.raises(GroundTruthError, match=rf"shift by 0 -{UNIX_S + 900} s .*, if"):
-        from_tracks(shifted[0], second, centres(10), centres(10), 5.0)
+    (offset,) = re.search(
+        r"reference track covers .* shift it by (\S+) s", str(raised.value)
+    ).groups()
+    first = first.shifted(float(offset))
+    with pytest.raises(GroundTruthError, match=rf"query track .* by -{UNIX_S + 900} s"):
+        from_tracks(first, second, centres(10), centres(10), 5.0)
+    second = second.shifted(-UNIX_S - 900)
+    assert from_tracks(first, second, centres(10), centres(10), 5.0).has_place.all()
 
 
 def test_unix_times_of_a_recording_of_such_times_name_its_own_start():
     drive, _ = simulate_pair(0, "tiny", length_m=60)
     drive.start_us = UNIX_S * S + 750_000
     track = straight(11, 100, start_us=UNIX_S * S)
-    with pytest.raises(GroundTruthError, match=rf"shift by -{UNIX_S}\.75 s \(Track.shifted\)$"):
+    with pytest.raises(GroundTruthError, match=rf"shift it by -{UNIX_S}\.75 s \(Track.shifted\)$"):
         ReferenceMap.build(drive, pixels=20, track=track)
     ReferenceMap.build(drive, pixels=20, track=track.shifted(-UNIX_S - 0.75))
 
@@ -427,7 +342,7 @@ def test_a_table_in_memory_is_the_track_of_its_file(tmp_path):
 def test_dates_of_a_table_in_memory_are_read_to_the_microsecond(zone):
     pandas = pytest.importorskip("pandas")
     dates = pandas.to_datetime(["2024-03-04T10:00:00.000000", None, "2024-03-04T10:00:01.000250"])
-    where = {"latitude": [50.0, 50.1, 50.2], "longitude": [8.0, 8.1, 8.2]}
+    where = {"latitude": [50.0, 50.1, 50.0001], "longitude": [8.0, 8.1, 8.0001]}
     track = load_track(pandas.DataFrame({"time": dates.tz_localize(zone), **where}), max_gap_s=2)
     assert track.time_us.tolist() == [0, 1_000_250]
     assert track.start_utc == dt.datetime(2024, 3, 4, 10 if zone is None else 9, tzinfo=dt.UTC)
@@ -463,26 +378,3 @@ def test_seconds_in_the_place_of_microseconds_are_recognised():
     assert Track(products, np.zeros((3, 1))).time_us.tolist() == [
         100_000, 1_100_000, 1_587_452_582_350_000,
     ]  # fmt: skip
-
-
-def test_whole_seconds_and_degrees_of_a_track_are_noticed_where_it_is_used():
-    monday, tuesday = simulate_pair(0, "tiny", length_m=40)
-    seconds = Track(np.arange(21), np.linspace([0, 0], [40, 0], 21))
-    there = Track(tuesday.track.time_us, tuesday.track.position * [1.0, 0.0])
-    with pytest.raises(
-        GroundTruthError, match="give a longer track, or of seconds a table with time_s"
-    ):
-        ReferenceMap.build(monday, pixels=20, track=seconds)
-    route = ReferenceMap.build(monday, pixels=20)
-    result = route.match(tuesday)
-    with pytest.raises(
-        GroundTruthError, match="give a longer track, or of seconds a table with time_s"
-    ):
-        result.evaluate((seconds, there), 10)
-    degrees = Track(seconds.time_us * 10**6, [-27.5, 152.9] + seconds.position / 111_000)
-    for use in (
-        lambda: ReferenceMap.build(monday, pixels=20, track=degrees),
-        lambda: result.evaluate((degrees, degrees), 10),
-    ):
-        with pytest.raises(GroundTruthError, match=r"like degrees: .*kind='geographic'"):
-            use()

@@ -448,6 +448,8 @@ def test_the_first_difference_is_pointed_at(vectors):
         ("r.csv", b"case,a/b\nevent,0,0,0\n", "results of a case 'a/b'"),
         ("r.csv", b"event,0,0,0\n", "names no case: .* --case SUITE/NAME"),
         ("r.csv", b"\n", "empty"),
+        ("r.csv", "case,a/b\n".encode("utf-16"), "the byte 0xff, .* save them as UTF-8"),
+        ("r.csv", "case,a/b\n".encode("utf-8-sig"), "the byte 0xef, .* byte order mark"),
         ("r.bin", b"\0\0\0\0\x01\0\0\0\xff\0\0\0", "case number"),
     ],
 )

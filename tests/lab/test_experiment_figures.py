@@ -37,7 +37,7 @@ from edge_vpr.settings import PRESETS
 from edge_vpr.simulation import simulate_pair
 
 FEW = {"pixels": 10, "sigma": 1.0}
-STREET = partial(simulate_pair, sensor="tiny", length_m=30.0)
+STREET = partial(simulate_pair, sensor="tiny", length_m=80.0)
 
 
 def nothing(name):

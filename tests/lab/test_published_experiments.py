@@ -61,7 +61,7 @@ def small(monkeypatch):
     few = PRESETS["paper"].replaced({"pixels": 25, "sequence_length": 3, "sigma": 1.0}, "test")
     for module in (drive_pairs, fixed_number):
         monkeypatch.setattr(module, "simulate_pair", street)
-    monkeypatch.setattr(fixed_number, "LENGTH_M", 40.0)
+    monkeypatch.setattr(fixed_number, "LENGTH_M", 50.0)
     monkeypatch.setattr(fixed_number, "SPEEDS", (2.0,))
     variants = [v for v in fixed_number.VARIANTS if v.changes["pixels"] == 25]
     monkeypatch.setattr(fixed_number, "VARIANTS", variants)
@@ -78,15 +78,15 @@ def small(monkeypatch):
 @pytest.mark.parametrize("kind", ["parquet", "bag"])
 def test_pairs_of_published_traverses_are_cut_to_their_tracks(kind, tmp_path):
     for name in ("sunset1", "sunset2"):
-        write_brisbane(tmp_path, name, kind, per_second=20, seconds=12)
+        write_brisbane(tmp_path, name, kind, per_second=20, seconds=24)
     few, many = drive_pairs.open_pairs(tmp_path)
     assert [few.name, many.name] == [f"{PAIR}, 25 px", f"{PAIR}, 150 px"]
     (pair,) = drive_pairs.whole_pairs(tmp_path)
     assert pair.drives == PAIR and pair.settings.pixels == 150 and pair.has_events
     for drive, track in zip((pair.reference, pair.query), pair.tracks, strict=True):
         times = np.concatenate(list(drive))["t"]
-        assert (times[0], times[-1], track.time_us[-1]) == (0, 10_950_000, 11_000_000)
-    centres = np.arange(11) * SECOND + SECOND // 2
+        assert (times[0], times[-1], track.time_us[-1]) == (0, 22_950_000, 23_000_000)
+    centres = np.arange(23) * SECOND + SECOND // 2
     # 10.007 m/s on a sphere: within 70 m of a place for less than 7 s
     truth = pair.truth_of(centres, centres)
     assert np.array_equal(truth.correct, abs(centres[:, None] - centres) <= 6 * SECOND)

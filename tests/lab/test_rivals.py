@@ -249,7 +249,7 @@ def test_distances_of_ones_own_are_finite_and_of_all_places_and_windows(matching
 
 def test_a_simulated_street_is_counted_by_events(monkeypatch):
     monkeypatch.setattr(counted_pairs, "simulate_pair", partial(simulate_pair, sensor="tiny"))
-    monkeypatch.setattr(counted_pairs, "LENGTH_M", 20.0)
+    monkeypatch.setattr(counted_pairs, "LENGTH_M", 50.0)
     pair = counted_pairs.counted_street(1)
     totals = pair.reference.images.sum(axis=(1, 2))
     assert len(pair.reference.images) >= 2 and len(pair.query.images) >= 2

@@ -233,7 +233,7 @@ def test_the_command_maps_two_drives_and_updates_a_map(
         (
             "map street/reference.npz -o new.npz --track street/reference_track.csv "
             "--track street/query_track.csv",
-            "2 tracks are given for 1 drives",
+            "2 tracks for 1 drives",
         ),
         ("map one.npz street/query.npz -o street/query.npz --overwrite", "street/query.npz"),
     ):

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import ast
-import html
 import json
 import os
 import re
@@ -255,35 +254,6 @@ def test_a_truth_that_lacks_something_says_what(drive, tmp_path, capsys):
     assert "of tracks give two, the reference's" in capsys.readouterr().err
 
 
-@pytest.mark.slow
-def test_logs_in_the_wrong_order_are_noticed_by_the_matches(drive, tmp_path, capsys):
-    """Of drives of one length along one route, so that nothing else shows it."""
-    results, reference, query = (tmp_path / name for name in ("results", "a.csv", "b.csv"))
-    part = str(tmp_path / "part.npz")
-    assert cli.main(["convert", str(drive / "drive.npz"), part, "--start", "0.3"]) == 0
-    match = ["match", str(drive / "map.npz"), part, "-o", str(results)]
-    assert cli.main([*match, "--no-figures"]) == 0
-    reference.write_text("time_s,position_m\n0,0\n3,30\n")
-    query.write_text("time_s,position_m\n0,3\n3,33\n")
-    evaluate = ["evaluate", str(results), "--tolerance", "2", "--ground-truth"]
-    assert cli.main([*evaluate, str(reference), str(query)]) == 0
-    out, err = capsys.readouterr()
-    assert "P@100R 1.000" in out and "order" not in err
-    assert cli.main([*evaluate, str(query), str(reference)]) == 0
-    out, err = capsys.readouterr()
-    assert "P@100R 0.000" in out
-    assert "in the other order, 100% of the matches would be correct instead of 0%" in err
-    # in kilometres every match is correct, and nothing is known
-    reference.write_text("time_s,position_m\n0,0\n3,0.03\n")
-    query.write_text("time_s,position_m\n0,0.003\n3,0.033\n")
-    assert cli.main([*evaluate, str(reference), str(query)]) == 0
-    verdict, figures, *_ = capsys.readouterr().out.splitlines()
-    assert verdict.startswith("By a doubtful truth (see the warnings), ")
-    assert "P@100R 1.000" in figures and figures.endswith("(doubtful truth)")
-    assert json.loads((results / "metrics.json").read_text())["verdict"] == verdict
-    assert verdict in html.unescape((results / "report.html").read_text())
-
-
 def test_much_that_was_removed_as_bursts_is_a_warning(tmp_path, capsys, monkeypatch):
     """Half of the events are of moments when every pixel fires."""
     monkeypatch.setattr(console, "SILENT_S", 60.0)
@@ -498,7 +468,7 @@ def test_names_of_outputs_reach_no_terminal_raw(drive, tmp_path, capsys):
     assert cli.main([*match, "-o", str(folder / "r\x9b")]) == 0
     (tmp_path / "truth.csv").write_text("query_s,reference_s\n0,0\n2,2\n")
     evaluate = ["evaluate", str(folder / "r\x9b"), "--ground-truth", str(tmp_path / "truth.csv")]
-    assert cli.main([*evaluate, "--tolerance", "1"]) == 0
+    assert cli.main([*evaluate, "--tolerance", "0.2"]) == 0
     console.table([str(folder)], [["[/red]\x1b[0m"]], title=str(folder))
     console.say(str(folder))
     out, err = capsys.readouterr()

@@ -170,7 +170,7 @@ MAP = "map {d}/reference.npz -o {t}/map.npz"
         ("map {d}/reference.npz -o {d}/map.npz", 2, "exists: name another"),
         ("map {t}/none.npz -o {t}/map.npz", 1, "none.npz"),
         ("evaluate {t}/none --ground-truth x.npy --rows query", 1, "run edge-vpr match first"),
-        ("evaluate {d}/results --ground-truth x.npy", 2, "--rows reference or --rows query"),
+        ("evaluate {d}/results --ground-truth x.npy", 2, "whether its rows are reference or query"),
     ],
 )
 def test_wrong_use_is_one_line_and_leaves_nothing(line, code, says, drive, capsys, tmp_path):
@@ -336,6 +336,49 @@ def test_matches_event_by_event_are_evaluated_by_the_same_command(
     assert found["queries"] == some and says in capsys.readouterr().err
 
 
+def test_a_matrix_is_declared_by_its_rows_whatever_its_file(drive, tmp_path, capsys):
+    results = tmp_path / "results"
+    shutil.copytree(drive / "results", results)
+    matrix = np.eye(19, dtype=np.uint8)
+    np.save(tmp_path / "truth.npy", matrix)
+    np.savetxt(tmp_path / "truth.csv", matrix, fmt="%d", delimiter=",")
+    evaluations = []
+    for name in ("truth.npy", "truth.csv"):
+        words = ["evaluate", results, "--ground-truth", tmp_path / name]
+        assert main([*map(str, words), "--rows", "reference"]) == 0
+        evaluations.append(json.loads((results / "metrics.json").read_text())["evaluation"])
+    assert evaluations[0] == evaluations[1]
+    refused(capsys, *words, code=2, says="or of a matrix --rows")
+    refused(capsys, *words, "--tolerance", 1, code=1, says="and of a matrix its --rows")
+
+
+def test_info_shows_how_a_track_fits_its_recording(drive, tmp_path, capsys):
+    log = line_track(tmp_path / "log.csv", 1, 5, begin=100.5)
+    words = ["info", str(drive / "query.npz"), "--track", str(log), "--track-offset", "-100"]
+    assert main(words) == 0
+    said = capsys.readouterr().out
+    line = (
+        r"^drive track  5 m from 0\.5 to 1\.5 s, 5 m/s in the mean and 5 m/s at most, longest gap "
+    )
+    assert re.search(line + r"0\.1 s; covers [45]\d\.\d% of the drive$", said, re.MULTILINE)
+    assert main([*words, "--json"]) == 0
+    facts = json.loads(capsys.readouterr().out)["facts"]
+    assert all(text in said for text in facts.values()) and len(facts) == 2
+    refused(capsys, "info", drive / "map.npz", "--track", log, code=2, says="--track is of a rec")
+
+
+def test_map_shows_each_drive_and_its_track(drive, tmp_path, capsys):
+    first, second = (line_track(tmp_path / f"{name}.csv", 2, 20) for name in "ab")
+    recordings = [str(drive / f"{name}.npz") for name in ("reference", "query")]
+    words = ["map", *recordings, "-o", str(tmp_path / "map.npz"), "--tau", "100ms", "--pixels", "5"]
+    words += ["--sigma", "1", "--track", str(first), "--track", str(second), "--same-route"]
+    assert main(words) == 0
+    said = capsys.readouterr().out
+    for heading in ("drive", recordings[1]):
+        assert re.search(f"^{heading} +[\\d,]+ events in ", said, re.MULTILINE)
+        assert re.search(f"^{heading} track +20 m from 0.0 to 2.0 s, 10 m/s", said, re.MULTILINE)
+
+
 @pytest.mark.slow
 def test_by_default_the_place_filter_matches_offline_and_online_alike(drive, capsys, tmp_path):
     flags = ["--pixels", "5", "--tau", "100ms", "--sigma", "1"]
@@ -460,19 +503,18 @@ def line_track(path, seconds, metres, begin=0.0):
 
 
 @pytest.mark.slow
-def test_evaluate_says_what_is_doubtful_and_sets_clocks_right(drive, tmp_path, capsys):
+def test_evaluate_shows_what_a_log_covers_and_sets_clocks_right(drive, tmp_path, capsys):
     results = tmp_path / "results"
     shutil.copytree(drive / "results", results)
     reference = line_track(tmp_path / "reference.csv", 2, 20)
     late = line_track(tmp_path / "late.csv", 2, 20, begin=1.0)
     evaluate = ["evaluate", str(results), "--tolerance", "2", "--ground-truth", str(reference)]
     assert main([*evaluate, str(late)]) == 0
-    said = capsys.readouterr()
-    assert "the query log covers 1 to 3 s and its drive lasts until 2 s" in said.err
-    assert "100 % of the query's track along the reference's" in said.out
+    said = capsys.readouterr().out
+    assert re.search(r"query track +20 m from 1\.0 to 3\.0 s, .*; covers [45]\d\.\d% of the", said)
     assert main([*evaluate, str(late), "--offset", "0", "-1"]) == 0
     said = capsys.readouterr()
-    assert said.err == ""
+    assert said.err == "" and re.search(r"query track .*; covers 100\.0% of the drive", said.out)
     refused(capsys, *evaluate, "--offset", 0, 5, code=2, says="give two tracks")
 
 
@@ -523,17 +565,12 @@ def test_the_name_of_a_file_cannot_write_on_the_terminal(tmp_path, capsys):
     assert capsys.readouterr().err.rstrip("\n").isprintable()
 
 
-@pytest.mark.parametrize("log", ["metres", "kilometres", "none"])
+@pytest.mark.parametrize("log", ["metres", "none"])
 def test_tau_auto_fits_the_window_to_a_slow_robot(log, tmp_path, capsys):
-    """A log that is probably in kilometres tells no speed."""
     drives = tmp_path / "drives"
     words = ["simulate", "-o", drives, "--sensor", "tiny", "--length", "15", "--speed", "1"]
     assert main([str(word) for word in words]) == 0
     file = drives / "reference_track.csv"
-    if log == "kilometres":
-        header, *rows = (line.split(",") for line in file.read_text().splitlines())
-        scaled = [header, *([time, str(float(at) / 1e3)] for time, at in rows)]
-        file.write_text("\n".join(map(",".join, scaled)))
     track = [] if log == "none" else ["--track", str(file)]
 
     def mapped(*flags):

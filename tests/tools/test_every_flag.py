@@ -46,7 +46,7 @@ RUNS = [
     ("doctor --compile --json", 0),
     ("info {f}/table.txt --sensor 16x12 --format csv --time-unit us --columns txyp --json "
      "--start 0.1 --end 1.5 --start-offset 0.01", 0),
-    ("info {f}/query.h5 --sensor 16x12 --topic left", 0),
+    ("info {f}/query.h5 --sensor 16x12 --topic left --track {f}/track.csv --track-offset 0.1", 0),
     ("info {f}/frames.npz --frame-period 1/10", 0),
     (f"convert {{f}}/table.txt {{f}}/out.csv {TABLE}", 0),
     ("convert {f}/frames.npz {f}/out.csv --frame-period 1/10 --overwrite", 0),

@@ -122,6 +122,13 @@ def summary(text: str) -> None:
         print(escaped(in_flags(text)), flush=True)
 
 
+def print_facts(lines: Mapping[str, str]) -> None:
+    """Print the facts of drives and tracks, of `edge_vpr.evaluation.facts`, as a summary."""
+    width = max(map(len, lines), default=0)
+    for heading, text in lines.items():
+        summary(f"{heading:<{width}}  {text}")
+
+
 def note(text: str) -> None:
     """Print a line on standard error; not if quiet."""
     if not is_quiet():

@@ -287,14 +287,26 @@ def _checked(field: SettingField) -> Callable[[str], str]:
 # The flag for gaps of tracks, which maps and ground truth are made of.
 
 
+def add_track_offset_flag(group: argparse._ActionsContainer) -> None:
+    """Add the flag for the clock of a track."""
+    group.add_argument(
+        "--track-offset",
+        type=float,
+        metavar="S",
+        help="time in the recording at which the track has its time 0, in seconds; negative if the "
+        "track began earlier (default: 0)",
+    )
+
+
 def add_gap_flag(group: argparse._ActionsContainer) -> None:
     """Add the flag for gaps of tracks."""
     group.add_argument(
         "--longest-gap",
         type=float,
+        default=5.0,
         metavar="S",
         help="longest time between two points of a track over which positions are interpolated, in "
-        "seconds (default: 5, longer in logs of few points and where the camera stood)",
+        "seconds (default: %(default)g)",
     )
 
 

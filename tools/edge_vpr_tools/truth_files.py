@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import filecmp
 import os
 from collections.abc import Sequence
 from contextlib import suppress
@@ -13,8 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from edge_vpr import results
-from edge_vpr.errors import GroundTruthError, UsageError
-from edge_vpr.evaluation.doubts import Offset
+from edge_vpr.errors import UsageError
 from edge_vpr.evaluation.ground_truth import (
     Alignment,
     GroundTruth,
@@ -23,29 +21,27 @@ from edge_vpr.evaluation.ground_truth import (
     from_tracks,
     load_alignment,
     load_matrix,
-    unjudged,
 )
 from edge_vpr.evaluation.track_files import load_track
-from edge_vpr.evaluation.tracks import Track
+from edge_vpr.evaluation.tracks import MAX_GAP_US, Track
 from edge_vpr.files import parse_errors, read_json
 from edge_vpr.recordings import parse_period
 from edge_vpr.reference_map import MatchResult
 from edge_vpr.results import RecordError, RunRecord, from_json
 from edge_vpr_tools.cli import VerbParser, find_verb
-from edge_vpr_tools.console import note, warning
+from edge_vpr_tools.console import note
 
 #: Suffixes of files that hold a track and not an alignment.
 _TRACKS = (".nmea", ".gpx", ".tum", ".log")
 
 Times = npt.NDArray[np.int64]
-Counts = npt.NDArray[np.integer]
 
 
 @dataclass(frozen=True)
 class TruthFiles:
     """Files of a ground truth, and how they are read; a call with times gives their truth."""
 
-    #: Two tracks, reference first; or one matrix (by suffix), or else one alignment.
+    #: Two tracks, reference first; or one matrix (with `rows`), or else one alignment.
     files: tuple[str, ...]
     #: Needed for tracks (metres) and alignments (their unit, or seconds).
     tolerance: float | None = None
@@ -54,34 +50,38 @@ class TruthFiles:
     frame_period: str | None = None
     #: Where time 0 of each track is in its recording, in seconds.
     offset_s: tuple[float, float] | None = None
-    #: Longest time between points of a track that is interpolated, in seconds; by default found.
-    longest_gap_s: float | None = None
+    #: Longest time between points of a track that is interpolated, in seconds.
+    longest_gap_s: float = MAX_GAP_US / 1e6
     in_seconds: bool = (
         False  #: Whether the tolerance is in seconds, of an alignment also in frames.
     )
 
     def tracks(self) -> tuple[Track, Track]:
-        """Read two tracks, the reference's and the query's, with their offsets."""
-        gap = self.longest_gap_s
+        """Read two tracks, the reference's and the query's, with their offsets.
+
+        Raises
+        ------
+        UsageError
+            If both are the same, and no offset says that this is meant.
+        """
         if self.in_seconds:
             raise UsageError(
                 f"--tolerance {self.tolerance:g}s is of an alignment: give metres for two tracks"
             )
         reference, query = (
-            load_track(file, max_gap_s=gap).shifted(at)
+            load_track(file, max_gap_s=self.longest_gap_s).shifted(at)
             for file, at in zip(self.files, self.offset_s or (0.0, 0.0), strict=True)
         )
+        if reference == query and self.offset_s is None:
+            raise UsageError(
+                f"--ground-truth {' '.join(self.files)}: both are the same log: name that of the "
+                "reference and that of the query; of one log of both drives, say with --offset "
+                "where its time 0 is in each recording (--offset 0 0: they are one drive)"
+            )
         return reference, query
 
-    def __call__(
-        self, places_us: Times, queries_us: Times, events: tuple[Counts, Counts] | None = None
-    ) -> GroundTruth:
+    def __call__(self, places_us: Times, queries_us: Times) -> GroundTruth:
         """Read the truth for windows with these centres, of shapes (K,) and (Q,).
-
-        Parameters
-        ----------
-        events : tuple of two arrays, optional
-            Numbers of events of the places and of the queries, see `from_tracks`.
 
         Raises
         ------
@@ -93,22 +93,19 @@ class TruthFiles:
             raise UsageError(f"{len(files)} ground-truth files: give two tracks, or one other file")
         if offset_s is not None and len(files) != 2:
             raise UsageError("--offset sets the clocks of two tracks right: give two tracks")
-        if len(files) == 1 and Path(files[0]).suffix in (".npz", ".npy"):
-            if self.rows is None:
-                raise UsageError(
-                    f"the orientation of {files[0]} is not given: say --rows reference or --rows "
-                    "query"
-                )
+        if len(files) == 1 and self.rows is not None:
             matrix = load_matrix(files[0])
             return from_matrix(matrix, places_us.size, queries_us.size, rows=self.rows)  # type: ignore[arg-type]
+        if len(files) == 1 and Path(files[0]).suffix.lower() in (".npz", ".npy"):
+            raise UsageError(
+                f"{files[0]} is a matrix: say with --rows whether its rows are reference or query"
+            )
         if self.tolerance is None:
-            raise UsageError("the tolerance is not given: say for example --tolerance 70")
+            raise UsageError(
+                "a tolerance is missing: say for example --tolerance 70, or of a matrix --rows"
+            )
         if len(files) == 2:
-            of_places, of_queries = events or (None, None)
-            return from_tracks(
-                *self.tracks(), places_us, queries_us, self.tolerance,
-                reference_events=of_places, query_events=of_queries,
-            )  # fmt: skip
+            return from_tracks(*self.tracks(), places_us, queries_us, self.tolerance)
         if Path(files[0]).suffix.lower() in _TRACKS:
             raise UsageError(
                 f"{files[0]} is one track: give two, the reference's and then the query's"
@@ -118,8 +115,8 @@ class TruthFiles:
         if alignment.unit == "frame":
             if period is None:
                 raise UsageError(
-                    f"{files[0]} is in frames, and how long a frame lasts is not given: say for "
-                    "example --frame-period 1/30"
+                    f"{files[0]} is in frames: say how long one lasts, for example with "
+                    "--frame-period 1/30"
                 )
             if self.in_seconds:
                 pairs = np.asarray(alignment.pairs) * float(period)
@@ -130,39 +127,31 @@ class TruthFiles:
 def parse_tolerances(texts: Sequence[str]) -> tuple[list[float], bool]:
     """Return the tolerances of ``--tolerance``, and whether they are in seconds, as ``2s`` is."""
     ending = "s" * all(text.endswith("s") for text in texts)
-    found = []
+    tolerances = []
     with suppress(ValueError):
-        found = [float(text.removesuffix(ending)) for text in texts]
-    if len(found) < len(texts) or not np.isfinite(found).all():
+        tolerances = [float(text.removesuffix(ending)) for text in texts]
+    if len(tolerances) < len(texts) or not np.isfinite(tolerances).all():
         raise UsageError(
             f"--tolerance {' '.join(texts)}: give numbers such as 70, or all in seconds, as 2s"
         )
-    return found, bool(texts and ending)
+    return tolerances, bool(texts and ending)
 
 
-#: the word for an offset that is found
-AUTO = "auto"
 #: places times queries of the ground truth: 64 MB
 _MOST_CELLS = 1 << 26
 
 
 def load_evaluated(
-    folder: str | Path, files: TruthFiles, *, find_offset: bool = False
+    folder: str | Path, files: TruthFiles
 ) -> tuple[MatchResult, GroundTruth, TruthFiles]:
-    """Read a folder of results and its ground truth, and print warnings about doubtful inputs.
-
-    Parameters
-    ----------
-    find_offset : bool
-        Use the offset of one of two logs with which most matches are correct, and say so.
+    """Read a folder of results and its ground truth.
 
     Returns
     -------
     result : MatchResult
     truth : GroundTruth
-        With these doubts as its notes.
     files : TruthFiles
-        Of the truth, with the offsets that were used.
+        Of the truth, with the frame period that was used.
 
     Raises
     ------
@@ -178,63 +167,7 @@ def load_evaluated(
         matches, result = some, replace(result, matches=some)
     if files.frame_period is None and reference.frame_period is not None:
         files = replace(files, frame_period=str(reference.frame_period))
-    if find_offset:
-        files = _with_offset(result, files)
-    asked = (files.tracks() if len(files.files) == 2 else None), files.tolerance or 0.0
-
-    def remedy(offset: Offset) -> str:
-        first, second = _shifted(files, offset)
-        return f"pass --offset {first:g} {second:g}"
-
-    try:
-        truth = truth_of(result, files)
-    except GroundTruthError as error:
-        tracks, tolerance = asked
-        advice = () if tracks is None else result.clear_offset(tracks, tolerance, remedy)
-        if not advice:
-            raise
-        raise GroundTruthError(f"{error}; {advice[0]}") from None
-    truth = replace(truth, notes=result.doubts_of(truth, *asked, remedy))
-    for line in (*unjudged(truth, matches.place, matches.query), *truth.notes):
-        warning(line)
-    return result, truth, files
-
-
-def given_truth(
-    ground_truth: Sequence[str],
-    tolerance: float | None,
-    rows: str | None,
-    frame_period: str | None,
-    offset: Sequence[str] | None,
-    longest_gap: float | None,
-) -> tuple[TruthFiles, bool]:
-    """Return the files that the flags of evaluate name, and whether to find the offset."""
-    find_offset = offset is not None and list(offset) == [AUTO]
-    seconds = None
-    if offset is not None and not find_offset:
-        try:
-            first, second = map(float, offset)
-        except ValueError:
-            raise UsageError(
-                f"--offset {' '.join(offset)}: give the seconds of the reference's and of the "
-                "query's log, as in --offset 0 2.5, or auto"
-            ) from None
-        seconds = first, second
-    if offset is None and len(ground_truth) == 2 and _same_contents(*map(Path, ground_truth)):
-        raise UsageError(
-            f"--ground-truth {' '.join(ground_truth)}: both are the same log: name that of the "
-            "reference and that of the query; of one log of both drives, say with --offset where "
-            "its time 0 is in each recording (--offset 0 0: they are one drive)"
-        )
-    files = TruthFiles(tuple(ground_truth), tolerance, rows, frame_period, seconds, longest_gap)
-    return files, find_offset
-
-
-def _same_contents(one: Path, other: Path) -> bool:
-    try:
-        return one.samefile(other) or filecmp.cmp(one, other, shallow=False)
-    except OSError:
-        return False  # which is said when it is read
+    return result, truth_of(result, files), files
 
 
 def read_there(folder: Path, named: str, path: str) -> Path:
@@ -277,8 +210,8 @@ def evaluated_truth(folder: Path) -> TruthFiles | None:
     verb, words = find_verb(list(record.command[1:]))
     named = VerbParser(verb).parse(words).results if verb == "evaluate" else ""
     for file in record.inputs:
-        found = read_there(folder, named, file.path)
-        if not found.exists() or replace(results.hash_input(found), path=file.path) != file:
+        there = read_there(folder, named, file.path)
+        if not there.exists() or replace(results.hash_input(there), path=file.path) != file:
             raise UsageError(
                 f"{file.path} has moved or changed since the evaluation: run edge-vpr evaluate "
                 "again"
@@ -289,28 +222,4 @@ def evaluated_truth(folder: Path) -> TruthFiles | None:
 
 def truth_of(result: MatchResult, files: TruthFiles) -> GroundTruth:
     """Read the truth of the matches."""
-    events = None
-    if result.queries is not None:
-        events = result.reference.places.events, result.queries.events
-    return files(result.reference.place_time_us, result.query_time_us, events)
-
-
-def _shifted(files: TruthFiles, offset: Offset) -> tuple[float, float]:
-    first, second = files.offset_s or (0.0, 0.0)
-    return first + offset.pair[0], second + offset.pair[1]
-
-
-def _with_offset(result: MatchResult, files: TruthFiles) -> TruthFiles:
-    """Return the files with the offset that is found, and report it."""
-    if len(files.files) != 2:
-        raise UsageError("--offset sets the clocks of two tracks right: give two tracks")
-    offset = result.best_offset(files.tracks(), files.tolerance or 0.0)
-    if offset is None:
-        note("--offset auto: no other offset of the two logs is better than 0 0")
-        return replace(files, offset_s=(0.0, 0.0))
-    used = _shifted(files, offset)
-    warning(
-        f"--offset auto takes --offset {used[0]:g} {used[1]:g}: {offset}; as the matches "
-        "themselves decide this, their figures are rather too good"
-    )
-    return replace(files, offset_s=used)
+    return files(result.reference.place_time_us, result.query_time_us)

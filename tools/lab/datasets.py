@@ -242,7 +242,7 @@ class QCRTraverse:
         """
         # the times were set by hand, tens of seconds apart: no gap is too long
         time_us = np.round(np.array(self.landmarks_s) * 1e6).astype(np.int64)
-        return Track(time_us, QCR_LANDMARKS_M[:, None])
+        return Track(time_us, QCR_LANDMARKS_M[:, None], max_gap_us=int(np.diff(time_us).max()))
 
 
 BRISBANE_TRAVERSES = (

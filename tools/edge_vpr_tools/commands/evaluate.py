@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 from edge_vpr.errors import UsageError
 from edge_vpr.run_log import warnings_so_far
-from edge_vpr_tools.console import summary, table
+from edge_vpr_tools.console import print_facts, summary, table
 from edge_vpr_tools.flags import add_figures_flag, add_gap_flag, add_json_flag, figure_formats
 
 if TYPE_CHECKING:
@@ -79,11 +79,11 @@ def _add_truth_flags(group: argparse._ActionsContainer) -> None:
     )  # fmt: skip
     group.add_argument(
         "--offset",
-        nargs="+",
-        metavar="REF_S QUERY_S",
+        nargs=2,
+        type=float,
+        metavar=("REF_S", "QUERY_S"),
         help="time in each recording at which its track has its time 0, in seconds; negative if "
-        "the track began earlier (default: 0 0); or auto: the one with which most matches are "
-        "correct",
+        "the track began earlier (default: 0 0)",
     )
     add_gap_flag(group)
     group.add_argument(
@@ -102,21 +102,25 @@ def run(args: argparse.Namespace) -> None:
     from edge_vpr_tools.report.page import MISSED
     from edge_vpr_tools.report.traverse import tolerance_table, write_report
     from edge_vpr_tools.report.verdict import outcome_of
-    from edge_vpr_tools.truth_files import given_truth, load_evaluated, parse_tolerances, truth_of
+    from edge_vpr_tools.truth_files import (
+        TruthFiles,
+        load_evaluated,
+        parse_tolerances,
+        truth_of,
+    )
 
     folder, formats = Path(args.results), figure_formats(args.figures)
     tolerances, in_seconds = parse_tolerances(args.tolerance)
     first, *others = tolerances or (None,)
-    files, find_offset = given_truth(
-        args.ground_truth, first, args.rows, args.frame_period, args.offset,
-        args.longest_gap,
+    files = TruthFiles(
+        tuple(args.ground_truth), first, args.rows, args.frame_period,
+        None if args.offset is None else tuple(args.offset), args.longest_gap, in_seconds,
     )  # fmt: skip
-    files = replace(files, in_seconds=in_seconds)
-    result, truth, files = load_evaluated(args.results, files, find_offset=find_offset)
+    result, truth, files = load_evaluated(args.results, files)
     reference, matches = result.reference, result.matches
 
     def judged(truth: GroundTruth) -> Evaluation:
-        return evaluate(  # `load_evaluated` has printed the doubts
+        return evaluate(
             matches,
             truth,
             score=args.score,
@@ -134,6 +138,7 @@ def run(args: argparse.Namespace) -> None:
     by_tolerance = {one.truth.tolerance_text: one for one in evaluations.values()}
     metrics = read_json(folder / results.METRICS, "metrics", "match again")
     metrics["ground_truth"] = truth.description
+    metrics["facts"] = lines = result.facts(truth)
     metrics["truth"] = files
     metrics["evaluation"] = found.to_dict()
     metrics["tolerances"] = [
@@ -142,8 +147,8 @@ def run(args: argparse.Namespace) -> None:
     ]
     metrics["evaluated_by"] = run_record(matches.settings.to_dict(), args.ground_truth)
     route = reference.route
-    if route is None and len(args.ground_truth) == 2:
-        route = with_positions(reference, files.tracks()[0]).route
+    if route is None and truth.tracks is not None:
+        route = with_positions(reference, truth.tracks[0]).route
     outcome = outcome_of(reference, matches, found)
     metrics["verdict"] = outcome.sentence()
     write_report(folder, result, outcome, formats, route, warnings_so_far(), by_tolerance)
@@ -156,7 +161,6 @@ def run(args: argparse.Namespace) -> None:
         f"P@100R {found.precision_at_100_recall:.3f}   R@99P {found.recall_at_99_precision:.3f}   "
         f"average precision {found.average_precision:.3f}   "
         + "   ".join(f"Recall@{n} {recall:.3f}" for n, recall in found.recall_at.items())
-        + "   (doubtful truth)" * bool(truth.notes)
     )
     if others:
         table(*tolerance_table(by_tolerance), width=_WIDTH)
@@ -165,6 +169,7 @@ def run(args: argparse.Namespace) -> None:
         f"off the map, {found.queries_tied} tied; by {truth.description}"
     )
     _print_trust(matches, found)
+    print_facts(lines)
     summary(
         'R@99P takes its threshold from this truth, "accepted" does not; recall counts a query as '
         f"missed if {MISSED[args.recall_denominator]}; see {folder / results.REPORT}"

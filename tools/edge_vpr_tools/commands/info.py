@@ -5,13 +5,13 @@ from __future__ import annotations
 import argparse
 import warnings
 from contextlib import suppress
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from edge_vpr.errors import EdgeVprError, EdgeVprWarning, RecordingError
-from edge_vpr_tools.console import summary
-from edge_vpr_tools.flags import add_reading_arguments
+from edge_vpr.errors import EdgeVprError, EdgeVprWarning, RecordingError, UsageError
+from edge_vpr_tools.console import print_facts, summary
+from edge_vpr_tools.flags import add_reading_arguments, add_track_offset_flag
 
 if TYPE_CHECKING:
     from edge_vpr.recordings import CountFrames, Faults, Recording
@@ -19,6 +19,7 @@ if TYPE_CHECKING:
 
 EXAMPLES = """\
   edge-vpr info monday.raw
+  edge-vpr info monday.raw --track monday.nmea
   edge-vpr info monday_map.npz
   edge-vpr info monday.csv --sensor 346x260 --time-unit us --json"""
 
@@ -28,6 +29,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("recording", metavar="FILE", help="recording of any known format, or a map")
     output = parser.add_argument_group("output")
     output.add_argument("--json", action="store_true", help="print one JSON object, for programs")
+    track = parser.add_argument_group("positions")
+    track.add_argument(
+        "--track",
+        metavar="FILE",
+        help="track of the drive, as of map: its length, speeds and gaps, and how much of the "
+        "recording it covers",
+    )
+    add_track_offset_flag(track)
     # faults are what this command is asked for: it counts them and goes on
     add_reading_arguments(parser, on_fault=False)
 
@@ -55,6 +64,8 @@ class RecordingSummary:
     start_us: int  #: On the file's clock.
     faults: Faults
     stopped_by: str | None  #: Fault of the file as a whole, or of the part that was not read.
+    #: Lines on the drive and its track by their headings, where a track is given.
+    facts: dict[str, str] = field(default_factory=dict)
 
 
 def summarise(recording: Recording) -> RecordingSummary:
@@ -165,6 +176,10 @@ def run(args: argparse.Namespace) -> None:
         counted = FrameSummary.of(frames)
         held, lines = asdict(counted), counted.lines
     if held is not None:
+        if args.track is not None:
+            raise UsageError(
+                f"--track is of a recording, and {args.recording} is none: leave it out"
+            )
         if args.json:
             print(json_text(held))
             return
@@ -184,12 +199,33 @@ def run(args: argparse.Namespace) -> None:
         args.sensor = f"{found.largest_x + 1}x{found.largest_y + 1}"
         recording = open_from(args, args.recording)
         facts = replace(summarise(tracked(recording, "reading")), sensor=None)
+    if args.track is not None:
+        facts = replace(facts, facts=_with_track(args, facts, recording.cropped_us))
     if args.json:
         print(json_text(facts))
     else:
         _show(facts, format_of(facts.format).title)
     if facts.stopped_by is not None:
         raise RecordingError(facts.stopped_by)
+
+
+def _with_track(
+    args: argparse.Namespace, recording: RecordingSummary, cropped_us: int
+) -> dict[str, str]:
+    """Return the facts of a recording, or a part of it, and of its track."""
+    from edge_vpr.evaluation.facts import Drive, facts
+    from edge_vpr.evaluation.track_files import load_track
+
+    track = load_track(args.track).shifted(args.track_offset or 0.0)
+    drive = Drive(
+        recording.events,
+        cropped_us,
+        cropped_us + recording.last_us,
+        recording.sensor or "unstated",
+        recording.start_us - cropped_us,
+        track,
+    )
+    return facts({"drive": drive})
 
 
 def _show(facts: RecordingSummary, title: str) -> None:
@@ -210,3 +246,4 @@ def _show(facts: RecordingSummary, title: str) -> None:
     }
     for name, text in lines.items():
         summary(f"{name:<9} {text}")
+    print_facts(facts.facts)

@@ -14,6 +14,7 @@ from edge_vpr.errors import EdgeVprWarning, UsageError
 from edge_vpr_tools.console import (
     detail_settings,
     number_of,
+    print_facts,
     summary,
     warm_up_shown,
     warn_of_bursts,
@@ -26,6 +27,7 @@ from edge_vpr_tools.flags import (
     add_map_flags,
     add_output_flags,
     add_reading_arguments,
+    add_track_offset_flag,
     add_window_argument,
     given_map_flags,
     map_settings,
@@ -96,13 +98,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "which gives each match a position and an interval along the route; if given once per "
         "drive, further drives are aligned by their tracks instead of by matching",
     )
-    track.add_argument(
-        "--track-offset",
-        type=float,
-        metavar="S",
-        help="time in the recording at which the track has its time 0, in seconds; negative if the "
-        "track began earlier (default: 0)",
-    )
+    add_track_offset_flag(track)
     add_gap_flag(track)
     track.add_argument(
         "--odometry",
@@ -129,7 +125,7 @@ def run(args: argparse.Namespace) -> None:
     """Map the recording, or load the map; learn the other drives, and save the map."""
     from edge_vpr.archive import archive_kind
     from edge_vpr.descriptors.counting import Removed
-    from edge_vpr.evaluation.doubts import track_notes
+    from edge_vpr.evaluation.facts import Drive, facts
     from edge_vpr.evaluation.track_files import load_track
     from edge_vpr.map_record import KIND
     from edge_vpr.reference_map import ReferenceMap, removed_record
@@ -155,21 +151,16 @@ def run(args: argparse.Namespace) -> None:
     check_new_file(run_file, inputs, args.overwrite)
     if args.track_offset is not None and not tracks:
         raise UsageError("--track-offset corrects the clock of a track: add --track")
-    drives = len(args.more) + (not learns)
-    if len(tracks) > drives:
-        raise UsageError(f"{len(tracks)} tracks are given for {drives} drives: give one per drive")
+    number = len(args.more) + (not learns)
+    if len(tracks) > number:
+        raise UsageError(f"{len(tracks)} tracks for {number} drives: give one per drive")
 
     of_drives = [
         load_track(track, max_gap_s=args.longest_gap).shifted(args.track_offset or 0.0)
         for track in tracks
     ]
-    # of the logs of further drives; `ReferenceMap.build` warns of the reference's own
-    concerns = [
-        f"{path}: {concern}"
-        for path, track in list(zip(tracks, of_drives, strict=True))[not learns :]
-        for concern in track_notes(track)
-    ]
     removed, seconds = Removed(), None
+    drives: dict[str, Drive] = {}
     if learns:
         _check_flags_of_a_map(args)
         reference = ReferenceMap.load(args.recording)
@@ -181,16 +172,24 @@ def run(args: argparse.Namespace) -> None:
         if fits:
             settings = _with_fitting_window(args, settings, track)
         reference, seconds = _mapped(args, settings, recording, track, removed)
-        if concern := slow_concern(reference, track):
+        if concern := slow_concern(reference):
             warning(f"{args.recording}: {concern}")
-    for drive, track in itertools.zip_longest(args.more, of_drives):
-        other = open_source(args, drive, reference.camera)
-        update = reference.update(
-            tracked(other, "learning"), track=track, same_route=args.same_route
+        drives["drive"] = Drive.of_windows(
+            reference.windows,
+            reference.pixel_map.sensor,
+            reference.start_us,
+            reference.clock_us,
+            track,
         )
-        summary(f"{drive}: {update}{describe_faults(other)}")
+    for path, its_track in itertools.zip_longest(args.more, of_drives):
+        other = open_source(args, path, reference.camera)
+        update = reference.update(
+            tracked(other, "learning"), track=its_track, same_route=args.same_route
+        )
+        summary(f"{path}: {update}{describe_faults(other)}")
+        drives[path] = update.drive
         for concern in update.warnings:
-            warning(f"{drive}: {concern}")
+            warning(f"{path}: {concern}")
         reference = update.reference
     reference.save(output, overwrite=args.overwrite)
     hot_pixels = int(reference.hot.sum())
@@ -199,6 +198,7 @@ def run(args: argparse.Namespace) -> None:
     write_json(run_file, record)
     if args.json:
         held = {"path": str(output), "format": "map", **asdict(reference.info())}
+        held["facts"] = facts(drives)
         print(json_text({**held, **to_json(record)}))
 
     places = reference.places
@@ -208,21 +208,18 @@ def run(args: argparse.Namespace) -> None:
         f"{reference.packed_bytes_per_place * len(places) / 1e3:.1f} kB in all"
     )
     if seconds is not None:
-        windows = reference.windows
         summary(
-            f"counted {windows.events.sum():,} events over {windows.end_us[-1] / 1e6:.1f} s in "
-            f"{seconds:.2f} s; {number_of(hot_pixels, 'hot pixel')} left out"
+            f"counted in {seconds:.2f} s; {number_of(hot_pixels, 'hot pixel')} left out"
             f"{describe_removed(removed, reference.settings)}"
             f"{describe_faults(recording)}"
         )
+    print_facts(facts(drives))
     if reference.route is not None:
         info = reference.info()
         summary(
             f"{info.places_with_position} of {info.places} places have positions, along "
             f"{info.route_m:,.0f} m"
         )
-        for concern in concerns:
-            warning(concern)
     if reference.odometer_mm is not None:
         summary(f"odometry: {reference.odometer_mm[-1] / 1e3:,.1f} m from first to last place")
         if args.odometry is not None and reference.odometer_mm[-1] == 0:
@@ -279,7 +276,7 @@ def _with_fitting_window(
     with warnings.catch_warnings():  # the map that is kept has the same
         warnings.simplefilter("ignore", EdgeVprWarning)
         reference, _ = _mapped(args, settings, recording, track, Removed())
-    tau_us, _ = fitting_window(reference, track)
+    tau_us, _ = fitting_window(reference)
     chosen = settings.replaced({"tau_us": tau_us}, "--tau auto")
     summary(f"--tau auto: windows of {tau_us / 1e6:g} s")
     return chosen
@@ -291,13 +288,8 @@ WINDOW_MM, LEAST_MM = 2_500, 2_000
 ENOUGH_EVENTS, FEW_EVENTS = 3.0, 2.0
 
 
-def fitting_window(reference: ReferenceMap, track: Track | None = None) -> tuple[int, str]:
+def fitting_window(reference: ReferenceMap) -> tuple[int, str]:
     """Return the length of window that fits the speed of the map's drive.
-
-    Parameters
-    ----------
-    track : Track, optional
-        Of that drive; one whose unit is in doubt, such as kilometres, tells no speed.
 
     Returns
     -------
@@ -310,11 +302,7 @@ def fitting_window(reference: ReferenceMap, track: Track | None = None) -> tuple
     """
     import numpy as np
 
-    from edge_vpr.evaluation.tracks import unit_doubts
-
     settings, along_mm = reference.settings, reference.along_mm
-    if reference.odometer_mm is None and track is not None and unit_doubts(track):
-        along_mm = None
     tau_us, short = settings.tau_us, ""
     moved = np.empty(0)
     if along_mm is not None:
@@ -333,11 +321,11 @@ def fitting_window(reference: ReferenceMap, track: Track | None = None) -> tuple
     return max(tau_us, round(tau_us * share / 100_000) * 100_000), short
 
 
-def slow_concern(reference: ReferenceMap, track: Track | None = None) -> str:
+def slow_concern(reference: ReferenceMap) -> str:
     """Return a warning if windows are too short for the speed of the drive; else empty."""
     if reference.settings.window != "time":
         return ""
-    tau_us, short = fitting_window(reference, track)
+    tau_us, short = fitting_window(reference)
     return short and (
         f"{short}, and with so little few live matches are confident: for a drive as slow as this, "
         f"map with --tau {tau_us // 1_000}ms"

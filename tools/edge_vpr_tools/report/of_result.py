@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import base64
 from collections.abc import Callable, Sequence
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -103,15 +102,15 @@ def write(
     outcome = outcome_of(result.reference, result.matches, evaluation)
     with results_folder(folder, overwrite, result.inputs) as new:
         result.write(new, result.inputs)
-        doubts = () if evaluation is None else evaluation.truth.notes
-        write_report(new, result, outcome, figures, warnings=doubts)
+        write_report(new, result, outcome, figures)
         if evaluation is not None:
             metrics = read_json(new / METRICS, "metrics", "match again")
             metrics["ground_truth"] = evaluation.truth.description
+            metrics["facts"] = result.facts(evaluation.truth)
             metrics["evaluation"] = evaluation.to_dict()
             metrics["verdict"] = outcome.sentence()
             settings = result.matches.settings.to_dict()
-            metrics["evaluated_by"] = replace(run_record(settings, ()), warnings=doubts or None)
+            metrics["evaluated_by"] = run_record(settings, ())
             write_json(new / METRICS, metrics)
 
 

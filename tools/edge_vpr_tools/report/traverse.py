@@ -85,6 +85,7 @@ def write_report(
     else:
         page.text(f"Ground truth: {truth.description}.")
     page.text(_described(reference, matches))
+    page.table(("drive", "facts"), result.facts(truth).items())
     _add_outcome(add, reference, outcome, route)
     windows, at = queries, matches.query
     if windows is None:  # of a drive that was matched event by event: the last before each match

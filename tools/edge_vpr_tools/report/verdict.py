@@ -90,10 +90,8 @@ class Outcome:
         return np.split(wrong, 1 + np.flatnonzero(np.diff(time[wrong]) > apart))
 
     def sentence(self) -> str:
-        """Return the verdict; what a doubtful truth says is no success."""
-        text = f"{'; '.join(filter(None, self._parts()))}."
-        doubted = self.truth is not None and bool(self.truth.notes)
-        return f"By a doubtful truth (see the warnings), {text}" if doubted else text
+        """Return the verdict."""
+        return f"{'; '.join(filter(None, self._parts()))}."
 
     def _parts(self) -> list[str]:
         n = len(self.matches)
