@@ -65,8 +65,9 @@ def walks(tmp_path_factory):
     return data
 
 
-#: sequences of 20 windows, sequences of 5 at four times the speed, and drives that are aligned
-LONG = ("rivals", "fixed-number", "several-drives")
+#: sequences of 20 windows, sequences of 5 at four times the speed, drives that are aligned, and
+#: tolerances that most pairs of a short street are within
+LONG = ("rivals", "fixed-number", "several-drives", "calibration", "places-per-window")
 
 
 @pytest.mark.filterwarnings("ignore::edge_vpr.errors.EdgeVprWarning")  # noise is no route
