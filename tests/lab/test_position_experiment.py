@@ -13,7 +13,7 @@ from edge_vpr.simulation import simulate_pair
 
 
 def test_a_position_is_compared_with_the_track_at_the_end_of_its_window(monkeypatch):
-    """At 1 m/s, the middle of a window of 1 s is 0.5 m behind at its end, and is led by that way."""
+    """At 1 m/s, the middle of a window of 1 s is 0.5 m behind its end, and is led by that."""
     reference, _ = simulate_pair(0, "tiny", length_m=40.0)
     time_us = np.arange(61) * 1_000_000
     track = Track(time_us, time_us[:, None] / 1e6)

@@ -643,7 +643,7 @@ def test_the_page_says_what_the_ice40_takes_besides_the_work():
     static = targets.constants()["ice40up5k-static"].value.central
     parts = f"{1e3 * static:.2f} and {1e3 * (found.idle_w.central - static):.2f} mW"
     whole = f"{mission.matches_per_s / found.whole_w.central:,.0f} matches per joule"
-    text = " ".join((ROOT / "docs/results_cost.md").read_text(encoding="utf-8").split())
+    text = " ".join((ROOT / "docs/results.md").read_text(encoding="utf-8").split())
     assert f"{parts}: with both" in text
     assert f"there are {whole} instead of {found.matches_per_joule.central:,.0f}" in text
     assert f"[{found.spi_events_per_s:,.0f} events/s]" in text

@@ -37,7 +37,7 @@ REACH, SHARE = 10, 8
 #: smallest number of pixels of the map that must lie on the sensor at every shift
 LEAST_PIXELS = 8
 #: windows in a sequence, and the standard errors by which the similarity must grow for the map to
-#: be moved; both chosen on the walks (docs/results_robustness.md)
+#: be moved; both chosen on the walks (docs/results.md)
 SEQUENCE, LEAST_ERRORS = 5, 5.0
 _ROUGH = 4  # from 1/256 to 1/16 octave, so that sums of squares are exact in double precision
 
