@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import replace
 from fractions import Fraction
 from functools import lru_cache, partial
@@ -48,11 +48,12 @@ from lab.pairs import (
 PAPER = PRESETS["paper"]
 #: numbers of pixels with which each pair of drives is matched
 NUMBERS = (25, PAPER.pixels)
-INDOOR, WALKS, BRISBANE, LENS = (
+INDOOR, WALKS, BRISBANE, LENS, DAY = (
     "speck_indoor",
     "speck_walks",
     "brisbane_sparse49",
     "brisbane_lens49",
+    "brisbane_daytime",
 )
 
 # Pairs of recorded drives that lie in a folder: the stand-ins, and the published traverses.
@@ -394,17 +395,20 @@ def contests(data: Path | None) -> list[Drives]:
     if data is None:
         return found
     found += _declared(whole_pairs(data), _counted)
-    sparse, lens = data / BRISBANE, data / LENS
-    if sparse.is_dir():
-        there, back = _BRISBANE_DRIVES, _BRISBANE_DRIVES[::-1]
-        for title, folder, names in (
-            ("49 pixels", sparse, there), ("49 pixels", sparse, back),
-            ("LENS's 49 pixels", lens, there),
-        ):  # fmt: skip
-            if folder.is_dir():
-                opened = partial(_brisbane_contest, folder, sparse, names)
-                name = f"Brisbane, {title}, {names[1]} on {names[0]}"
-                found.append(Drives(name, opened, drawn=False))
+    sparse = data / BRISBANE
+    first, second = (sparse / name for name in _BRISBANE_DRIVES)
+    day = data / DAY / "daytime_first_half"
+    lens = [data / LENS / name for name in _BRISBANE_DRIVES]
+    for title, counts, logs in (
+        ("49 pixels, sunset1 on sunset2", (first, second), (first, second)),
+        ("49 pixels, sunset2 on sunset1", (second, first), (second, first)),
+        ("49 pixels, half a day on sunset2", (first, day), (first, day)),
+        ("49 pixels, half a day on sunset1", (second, day), (second, day)),
+        ("LENS's 49 pixels, sunset1 on sunset2", lens, (first, second)),
+    ):
+        if all(path.with_suffix(".npz").is_file() for path in counts) and sparse.is_dir():
+            opened = partial(_brisbane_contest, counts, logs)
+            found.append(Drives(f"Brisbane, {title}", opened, drawn=False))
     return found
 
 
@@ -418,10 +422,10 @@ def _kept_street(seed: int) -> Pair:
     return simulated_pair(seed, length_m=LENGTH_M)
 
 
-def _brisbane_contest(folder: Path, logs: Path, names: tuple[str, str], seed: int) -> CountedPair:
-    tracks = [load_track(logs / f"{name}.nmea") for name in names]
-    first, second = (_published_counts(folder / f"{name}.npz") for name in names)
-    weights = tuple(sorted(folder.glob("*.pth")))
+def _brisbane_contest(counts: Sequence[Path], logs: Sequence[Path], seed: int) -> CountedPair:
+    tracks = [load_track(path.with_suffix(".nmea")) for path in logs]
+    first, second = (_published_counts(path.with_suffix(".npz")) for path in counts)
+    weights = tuple(sorted(counts[0].parent.glob("*.pth")))
     truths = truths_of_tracks(tracks[0], tracks[1], *BRISBANE_M)
     return CountedPair("Brisbane", first, second, BRISBANE_SETTINGS, truths, False, weights)
 
