@@ -21,8 +21,8 @@ from edge_vpr.errors import MapError, UsageError
 from edge_vpr.events import TIME_LIMIT_US
 from edge_vpr.settings import Settings
 
-#: Tables learnt on simulated streets by `python -m lab calibration --table`, see docs/trust.md: for
-#: live matches, and for smoothed drives.
+#: Tables learnt on simulated streets by `python -m lab calibration --table`, see docs/method.md:
+#: for live matches, and for smoothed drives.
 DEFAULT_TABLES = "default_confidence.json"
 LIVE, SMOOTHED = "live", "smoothed"
 #: Keys of that file: tables for robots that may leave the map, and one for live matches of robots

@@ -383,7 +383,7 @@ _COUNTERS = _group(
     ),
     counter_code=SettingField(
         help="how counts are compressed to a few bits; none: not at all",
-        more="See docs/codes.md.",
+        more="See docs/method.md.",
     ),
     counter_bits=SettingField(
         help="bits per code", metavar="B", least=1, most=MAX_BITS, needs=_CODE
@@ -400,7 +400,7 @@ _MATCHING = _group(
     "matching",
     matching=SettingField(
         help="match with the place filter, or by sequences of windows (the paper)",
-        more="See docs/place_filter.md.",
+        more="See docs/method.md.",
     ),
     filter_restart=SettingField(
         help="place filter: cost of moving to any other place",
@@ -416,7 +416,7 @@ _MATCHING = _group(
         expected="1 or 7",
         more="With 7, neither another speed than that of the map nor another light or camera is "
         "taken for the other. Codes that are not contrast codes, and windows by count, have 1. See "
-        "docs/place_filter.md.",
+        "docs/method.md.",
         needs=_FILTER,
     ),
     smooth=SettingField(
@@ -443,12 +443,12 @@ _MATCHING = _group(
         words={"none": None},
         above=0,
         below=1,
-        more="How well this holds: docs/trust.md.",
+        more="How well this holds: docs/method.md.",
     ),
     stays_on_map=SettingField(
         help="place filter without smoothing: accept more matches, for a robot that "
         "never leaves the route",
-        more="Off the map, probabilities are too high: see docs/trust.md.",
+        more="Off the map, probabilities are too high: see docs/method.md.",
         needs=_FILTER,
     ),
 )
@@ -856,7 +856,7 @@ _BEST = Settings(
 )  # fmt: skip
 
 PRESETS: Mapping[Preset, Settings] = {
-    # chosen on the real drives and on simulated streets, see docs/place_filter.md
+    # chosen on the real drives and on simulated streets, see docs/method.md
     "default": _BEST,
     # windows of a fixed time, counts and sequences, as in the paper
     "paper": Settings(),

@@ -26,7 +26,7 @@ KINDS: tuple[str, ...] = get_args(CodeKind)
 
 #: largest number of different codes in a descriptor
 MAX_CODES = 256
-#: default full scale of a code; chosen by experiment (docs/codes.md)
+#: default full scale of a code; chosen by experiment (docs/method.md)
 FULL_SCALE = {"sqrt": 63, "log": 127}
 
 Counts = npt.NDArray[np.integer]

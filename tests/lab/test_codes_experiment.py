@@ -41,7 +41,7 @@ def found(shared_data):
 
 @pytest.mark.slow
 def test_three_bits_of_log_beat_eight_bits_of_count_on_every_pair_of_drives(found):
-    """What docs/codes.md claims, with two draws in place of five."""
+    """What docs/method.md claims, with two draws in place of five."""
     assert len(found) == 6
     for name, scores in found.items():
         right, raw = (np.mean([each[code] for each in scores]) for code in (("log", 3), RAW))

@@ -138,7 +138,7 @@ def test_the_variance_is_that_of_where_the_robot_can_be(messages):
     sure = by_topic(messages, row(**{**METRIC, "probability": 0.99}))
     unsure = by_topic(messages, row(**{**METRIC, "probability": 0.36}))
     spread = [math.sqrt(each["pose"]["pose"]["covariance"][0]) for each in (sure, unsure)]
-    page = " ".join((ADAPTER.parents[2] / "docs/interfaces.md").read_text().split())
+    page = " ".join((ADAPTER.parents[2] / "docs/live.md").read_text().split())
     low, high = spread
     assert f"{low:.0f} m (standard deviation) at probability 0.99 and {high:.0f} m at 0.36" in page
 

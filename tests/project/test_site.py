@@ -137,6 +137,6 @@ def test_every_page_has_a_place_in_the_site():
     assert {path.name for path in (ROOT / "docs").glob("*.md")} <= named
 
 
-def test_every_command_is_on_the_page_of_commands():
-    page = (ROOT / "docs/commands.md").read_text()
+def test_every_command_is_on_the_page_of_settings_and_commands():
+    page = (ROOT / "docs/settings.md").read_text()
     assert [verb for verb in VERBS if f"`{verb}`" not in page] == []

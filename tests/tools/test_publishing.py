@@ -397,7 +397,7 @@ def test_rows_go_on_to_mqtt_by_the_line_of_the_page(running, tmp_path):
         port = free.getsockname()[1]
     settings = tmp_path / "broker.conf"
     settings.write_text(f"listener {port} 127.0.0.1\nallow_anonymous true\n")
-    page = (Path(__file__).parents[2] / "docs/interfaces.md").read_text()
+    page = (Path(__file__).parents[2] / "docs/live.md").read_text()
     page = page[page.index("## MQTT") :]
     line = page[page.index("curl -sN") :].partition("\n```")[0]
     line = line.replace("http://127.0.0.1:7000/", running.address)

@@ -40,7 +40,7 @@ def ours(settings: Settings):
 
 
 def by_numpy():
-    """Take the filter's formulas (docs/place_filter.md) as array operations, a window at a time."""
+    """Take the filter's formulas (docs/method.md) as array operations, a window at a time."""
     places, queries = drive(PLACES, 1).counts, drive(WINDOWS, 2).counts
     costs = BANK_COSTS[1][SAME_ROW]  # all windows of these drives have as many events
     bias = bias_of(typical_distances(places))

@@ -83,7 +83,7 @@ STAGES = {
     ),
     "matching": Stage(
         "Distances and matching",
-        "The steps from descriptors to matches; [the place filter](../place_filter.md).",
+        "The steps from descriptors to matches; [the place filter](../method.md#the-place-filter).",
         names=(
             "edge_vpr.matching.place_filter.PlaceFilter",
             "edge_vpr.matching.prediction.TransitionCosts",
@@ -92,12 +92,13 @@ STAGES = {
     ),
     "online": Stage(
         "A match after every event",
-        "Follow a stream of events; [what is matched](../online.md).",
+        "Follow a stream of events; [what is matched](../method.md#a-match-after-every-event).",
         exported=("online",),
     ),
     "stream": Stage(
         "Live cameras",
-        "Links to cameras and bridges, and the [protocols](../serial.md) that they speak.",
+        "Links to cameras and bridges, and the [protocols](../live.md#serial-protocols) that they "
+        "speak.",
         packages=("edge_vpr.live.protocols",),
         names=(
             "edge_vpr.live.session.Message",
@@ -130,7 +131,7 @@ STAGES = {
     ),
     "fixedpoint": Stage(
         "Number formats",
-        "Unsigned integers of a given width, and [counter codes](../codes.md#number-formats).",
+        "Unsigned integers of a given width, and [counter codes](../method.md#number-formats).",
         packages=("fixedpoint",),
         names=("fixedpoint.codes.CounterCode",),
     ),

@@ -1,41 +1,31 @@
-"""The reference page of all settings, made from their descriptions.
+"""The table of all settings on their page, made from their descriptions.
 
-``python tools/site/settings_page.py > docs/settings.md``
+``python tools/site/settings_page.py`` puts it into docs/settings.md, behind its marker.
 """
 
 from __future__ import annotations
 
 import re
+from pathlib import Path
 
 from edge_vpr.settings import PRESETS, SETTING_FIELDS, SettingField
-
-_HEAD = """# Settings
-
-Every setting is a key of a TOML file for `--config`, and a flag of `edge-vpr map`: `filter_restart`
-is `--filter-restart`. Those of matching are flags of `match` too. Flags override the file, and the
-file the preset. A map stores its settings, by which queries are described.
-
-```toml
-preset = "default"
-pixels = 100
-tau = "500ms"
-bursts = "keep"
-filter_restart = 20
-```
-
-`edge_vpr.Settings` has the same names, except `tau_us` (in microseconds), `remove_hot_pixels` and
-`remove_bursts` (booleans); `none` and `auto` are None. `Settings()` has the values of `paper`, and
-`PRESETS["default"]` those of `default`, with which `ReferenceMap.build` begins. Defaults of other
-presets than `default` are in brackets.
-"""
 
 #: the name of a page in the text of a meaning
 _PAGE = re.compile(r"(?:docs/)?(\w+\.md)")
 
 
-def page() -> str:
-    """Return the page as Markdown."""
-    lines = [_HEAD, "| key | values | default | meaning |", "| --- | --- | --- | --- |"]
+PAGE = Path(__file__).parents[2] / "docs/settings.md"
+_TABLE = re.compile(r"(?<=<!-- settings -->\n\n)(?:\|.*\n)*")
+
+
+def with_table(text: str) -> str:
+    """Return a page with the table of settings behind its marker."""
+    return _TABLE.sub(lambda _: f"{table()}\n", text)
+
+
+def table() -> str:
+    """Return the table as Markdown."""
+    lines = ["| key | values | default | meaning |", "| --- | --- | --- | --- |"]
     for field in SETTING_FIELDS.values():
         meaning = _PAGE.sub(r"[\1](\1)", field.meaning.replace("|", "\\|"))
         lines.append(f"| `{field.key}` | {_values(field)} | {_defaults(field)} | {meaning} |")
@@ -65,4 +55,4 @@ def _values(field: SettingField) -> str:
 
 
 if __name__ == "__main__":
-    print(page())
+    PAGE.write_text(with_table(PAGE.read_text(encoding="utf-8")), encoding="utf-8")

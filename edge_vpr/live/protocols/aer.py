@@ -278,7 +278,7 @@ def read_layout(path: str | Path) -> Layout:
     UsageError
         If the file cannot be read, or describes an impossible word.
     """
-    values = read_toml(path, "a layout", "name a TOML file as docs/serial.md shows it")
+    values = read_toml(path, "a layout", "name a TOML file as docs/live.md shows it")
     if unknown := set(values) - _KEYS:
         names = printable(", ".join(sorted(unknown)))
         raise UsageError(f"{path} names {names}: a layout has {', '.join(sorted(_KEYS))}")
