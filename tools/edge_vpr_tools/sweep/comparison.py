@@ -262,7 +262,8 @@ def markdown(rows: Sequence[Row]) -> str:
 def show(rows: Sequence[Row]) -> None:
     """Print the main measures as a table; a name that all rows share stands in its title."""
     columns = dict(zip(_HEAD, zip(*map(_names, rows), strict=True), strict=True))
-    shared = [name for name, cells in columns.items() if name != "variant" and len(set(cells)) == 1]
+    first = "variant" if any(columns["variant"]) else "run"
+    shared = [name for name, cells in columns.items() if name != first and len(set(cells)) == 1]
     apart = [name for name in columns if name not in shared]
     named = zip(*(columns[name] for name in apart), strict=True)
     table(
