@@ -18,7 +18,6 @@ import numpy as np
 import pytest
 from edge_vpr_tools.cli import main
 from edge_vpr_tools.live_view import row_of
-from streams import Drive, random_events
 
 import edge_vpr as ev
 from edge_vpr.errors import EdgeVprError, UsageError
@@ -29,6 +28,7 @@ from edge_vpr.online.runs import MATCH_DTYPE
 from edge_vpr.simulation import simulate_pair
 from firmware_model.design import Design
 from firmware_model.errors import DesignError
+from tests.streams import Drive, random_events
 
 #: noise is not along the route of a map of other noise
 pytestmark = pytest.mark.filterwarnings("ignore:this place or light is not the map's")

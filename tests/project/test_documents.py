@@ -19,7 +19,6 @@ import pytest
 from edge_vpr_tools.cli import VerbParser, find_verb, main
 from edge_vpr_tools.report.tables import with_tables
 from lab.__main__ import parser
-from streams import Drive, random_events
 
 from edge_vpr.events import Sensor
 from edge_vpr.live.match import LiveMatch
@@ -30,6 +29,7 @@ from edge_vpr.reference_map import OnlineMetrics, ReferenceMap
 from edge_vpr.run_log import log_warning, logged_run
 from edge_vpr.settings import PRESETS
 from edge_vpr.simulation import simulate_pair
+from tests.streams import Drive, random_events
 
 ROOT = Path(__file__).parents[2]
 PAGES = [

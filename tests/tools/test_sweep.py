@@ -18,7 +18,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import sweep_jobs
 from edge_vpr_tools import cli
 from edge_vpr_tools.sweep import SHARES, comparison
 from edge_vpr_tools.sweep.comparison import draw, rows_of, write_comparison
@@ -27,13 +26,14 @@ from edge_vpr_tools.sweep.table import read_lines
 from edge_vpr_tools.sweep.trial import fastest, trial
 from edge_vpr_tools.workers import cluster, error_text, mapped, processes
 from matplotlib.figure import Figure
-from streams import random_events
 
 from edge_vpr.errors import EdgeVprError, UsageError
 from edge_vpr.events import Sensor
 from edge_vpr.recordings import write_recording
 from edge_vpr.results import run_record, write_json
 from edge_vpr.settings import PRESETS, Settings
+from tests.streams import random_events
+from tests.tools import sweep_jobs
 
 ROOT = Path(__file__).parents[2]
 
@@ -286,14 +286,14 @@ def test_a_table_on_a_terminal_is_no_markdown(plan_file, tmp_path):
 def test_workers_end_with_the_process_that_started_them(tmp_path, number):
     """They stayed for ever, busy or not."""
     code = (
-        "import sweep_jobs\n"
+        "from tests.tools import sweep_jobs\n"
         "from edge_vpr_tools.workers import processes\n"
         "with processes(2) as workers:\n"
         "    workers.submit(sweep_jobs.double, 1).result()\n"
         f"    workers.submit(sweep_jobs.wait_for_ever, {str(tmp_path)!r})\n"
         f"    workers.submit(sweep_jobs.wait_for_ever, {str(tmp_path)!r}).result()\n"
     )
-    paths = f"{ROOT}:{ROOT / 'tools'}:{ROOT / 'tests/tools'}"
+    paths = f"{ROOT}:{ROOT / 'tools'}"
     # what is left of the run keeps the pipe open
     with subprocess.Popen(
         [sys.executable, "-c", code], env={**os.environ, "PYTHONPATH": paths},
