@@ -252,9 +252,13 @@ def test_an_interrupt_ends_a_sweep_at_once_and_keeps_what_is_finished(
     """It waited for the running trials, and workers printed tracebacks on a terminal."""
     plan_file.write_text(PLAN.replace("seeds = [1, 2]", "seeds = 500"))
     out = tmp_path / "out.csv"
-    words = [sys.executable, "-m", "edge_vpr_tools.cli", "sweep", plan_file, "-o", out]
+    code = (
+        "import signal, sys; signal.signal(signal.SIGINT, signal.default_int_handler); "
+        "from edge_vpr_tools.cli import main; sys.exit(main(sys.argv[1:]))"
+    )
+    words = [sys.executable, "-c", code, "sweep", plan_file, "-o", out, "--workers", "2"]
     with subprocess.Popen(
-        [*words, "--workers", "2"], start_new_session=True, text=True,
+        words, start_new_session=True, text=True,
         stdout=subprocess.PIPE, stderr=subprocess.PIPE,
     ) as run:  # fmt: skip
         end = time.monotonic() + 60
