@@ -167,7 +167,7 @@ def clear_dead_runs(folder: str | Path) -> None:
     those that cannot be locked or removed.
     """
     for work in Path(folder).glob(".edge-vpr-*.part"):
-        if is_work_folder(work):
+        if _is_work_folder(work):
             with suppress(OSError):
                 _remove_dead(work)
 
@@ -228,7 +228,7 @@ def _name_target(error: Exception, work: Path, target: Path) -> None:
             error.filename = str(target)
 
 
-def is_work_folder(path: Path) -> bool:
+def _is_work_folder(path: Path) -> bool:
     """Return whether a name is that of a `work_folder`, of a run that may still write it."""
     return _WORK.fullmatch(path.name) is not None
 

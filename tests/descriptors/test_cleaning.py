@@ -4,12 +4,10 @@ from __future__ import annotations
 
 from collections import Counter
 
-import naive
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from streams import as_tuples, cut_up, random_events
 
 from edge_vpr.descriptors.cleaning import (
     BURST_SHARE,
@@ -22,6 +20,8 @@ from edge_vpr.descriptors.cleaning import (
 )
 from edge_vpr.errors import RecordingError
 from edge_vpr.events import Sensor, make_events
+from tests import naive
+from tests.streams import as_tuples, cut_up, random_events
 
 SENSOR = Sensor(4, 3)
 

@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import naive
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from streams import as_tuples, cut_up, random_events
 
 from edge_vpr.descriptors.counting import (
     _BLOCK,
@@ -17,6 +15,8 @@ from edge_vpr.descriptors.counting import (
 )
 from edge_vpr.errors import EventError, UsageError
 from edge_vpr.events import Sensor, make_events
+from tests import naive
+from tests.streams import as_tuples, cut_up, random_events
 
 SEEDS = st.integers(0, 2**32)
 

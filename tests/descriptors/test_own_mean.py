@@ -7,10 +7,8 @@ from fractions import Fraction
 
 import numpy as np
 import pytest
-from filter_oracle import level_of
 from hypothesis import given
 from hypothesis import strategies as st
-from streams import descriptors
 
 from edge_vpr.descriptors.codes import counted_events, encode_own, encode_running, limits_of
 from edge_vpr.descriptors.windows import PublishedWindows, find_pauses
@@ -25,6 +23,8 @@ from firmware_model.specification import (
 from fixedpoint.activity import SUMS
 from fixedpoint.errors import FixedPointError
 from fixedpoint.own_mean import OwnMeanCode, RunningMean
+from tests.filter_oracle import level_of
+from tests.streams import descriptors
 
 
 def codes_of(counts, means, bits, contrast):

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import naive
 import numpy as np
 import pytest
 from hypothesis import given
@@ -11,6 +10,7 @@ from hypothesis import strategies as st
 from edge_vpr.descriptors.pixels import BY_SALIENCY, REJECTION_RADIUS, PixelMap, select_pixels
 from edge_vpr.errors import UsageError
 from edge_vpr.events import Sensor
+from tests import naive
 
 
 def pairs(pixel_map):

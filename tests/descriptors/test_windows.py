@@ -4,18 +4,18 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-import naive
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from streams import as_tuples, cut_up, random_events
 
 from edge_vpr.descriptors.counting import DescriptorStream
 from edge_vpr.descriptors.pixels import PixelMap
 from edge_vpr.descriptors.windows import Descriptors, FixedCount, FixedTime, collect
 from edge_vpr.errors import UsageError
 from edge_vpr.events import Sensor, make_events
+from tests import naive
+from tests.streams import as_tuples, cut_up, random_events
 
 SENSOR = Sensor(7, 5)
 PIXELS = [(0, 0), (6, 4), (3, 2), (1, 0)]

@@ -8,7 +8,6 @@ import warnings
 from dataclasses import replace
 from importlib.resources import files
 
-import naive
 import numpy as np
 import pytest
 from edge_vpr_tools.cli import main
@@ -24,7 +23,6 @@ from lab.experiments.calibration import (
     without_places,
 )
 from lab.pairs import MappedPair
-from streams import Drive, descriptors, random_events
 
 from edge_vpr import LiveSession
 from edge_vpr.confidence import (
@@ -50,6 +48,8 @@ from edge_vpr.recordings import open_recording, write_recording
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.settings import PRESETS, SETTING_FIELDS, Settings
 from firmware_model.specification_drive import confidence_of
+from tests import naive
+from tests.streams import Drive, descriptors, random_events
 
 SENSOR = Sensor(16, 12)
 outcomes = st.lists(st.tuples(st.integers(0, 8), st.booleans()), min_size=1, max_size=60)

@@ -7,7 +7,6 @@ import math
 import tracemalloc
 from pathlib import Path
 
-import naive
 import numpy as np
 import pytest
 from hypothesis import given
@@ -28,6 +27,7 @@ from edge_vpr.evaluation.ground_truth import (
 from edge_vpr.evaluation.track_files import load_track
 from edge_vpr.evaluation.tracks import Track, great_circle, interpolate
 from edge_vpr.route import EARTH_RADIUS_M
+from tests import naive
 
 SECOND = 1_000_000
 

@@ -8,7 +8,6 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 from edge_vpr_tools.cli import main
-from streams import random_events
 
 from edge_vpr.evaluation.track_files import load_track
 from edge_vpr.evaluation.tracks import distances
@@ -16,6 +15,7 @@ from edge_vpr.events import Sensor
 from edge_vpr.matching.matches import Matches
 from edge_vpr.recordings import open_recording, write_recording
 from edge_vpr.reference_map import MatchResult, ReferenceMap
+from tests.streams import random_events
 
 SENSOR = Sensor(16, 12)
 

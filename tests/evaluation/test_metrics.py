@@ -4,18 +4,18 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-import naive
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from streams import descriptors
 
 from edge_vpr.errors import GroundTruthError, UsageError
 from edge_vpr.evaluation.ground_truth import GroundTruth
 from edge_vpr.evaluation.metrics import evaluate, precision_recall
 from edge_vpr.matching.drive import match_descriptors
 from edge_vpr.settings import Settings
+from tests import naive
+from tests.streams import descriptors
 
 DENOMINATORS = ("rejected-correct", "all-with-place")
 

@@ -7,7 +7,6 @@ import re
 
 import numpy as np
 import pytest
-from saved_files import checksum
 
 from edge_vpr.errors import GroundTruthError
 from edge_vpr.evaluation.ground_truth import from_tracks, load_matrix
@@ -16,6 +15,7 @@ from edge_vpr.evaluation.track_files import load_track
 from edge_vpr.evaluation.tracks import Track
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.simulation import simulate_pair
+from tests.maps.saved_files import checksum
 
 S = 1_000_000
 GPX = """<?xml version="1.0" encoding="{encoding}"?>

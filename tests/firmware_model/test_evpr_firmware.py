@@ -15,8 +15,6 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from streams import balanced
-from test_stream_protocols import plain_evpr
 
 from edge_vpr.events import Sensor, make_events
 from edge_vpr.live.protocols import open_decoder
@@ -26,6 +24,8 @@ from firmware_model.emulation.build import COUNTED, EMULATED, GCC, HOST, SOURCES
 from firmware_model.emulation.emulator import Emulator
 from firmware_model.emulation.evpr_instructions import TABLE, measure
 from firmware_model.emulation.instructions import table
+from tests.live.test_stream_protocols import plain_evpr
+from tests.streams import balanced
 
 pytest.importorskip("ziglang", reason="ziglang is not installed (extra firmware)")
 pytest.importorskip("unicorn", reason="unicorn is not installed (extra firmware)")

@@ -15,7 +15,6 @@ from typing import NamedTuple
 
 import numpy as np
 import pytest
-from designs import random_stream, wrapped
 
 from firmware_model import Design, DesignError, Event, Memories, ToolError
 from firmware_model.emulation import tables
@@ -56,6 +55,7 @@ from firmware_model.vectors.random_cases import (
     random_memories,
 )
 from firmware_model.verification.images import image_cases
+from tests.firmware_model.designs import random_stream, wrapped
 
 pytest.importorskip("ziglang", reason="ziglang is not installed (extra firmware)")
 pytest.importorskip("unicorn", reason="unicorn is not installed (extra firmware)")

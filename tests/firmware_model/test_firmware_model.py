@@ -11,7 +11,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from designs import random_stream, wrapped
 
 from edge_vpr.compiling import plain
 from edge_vpr.descriptors import windows
@@ -48,6 +47,7 @@ from firmware_model.vectors.random_cases import (
 from fixedpoint import activity
 from fixedpoint.codes import CounterCode
 from fixedpoint.own_mean import OwnMeanCode
+from tests.firmware_model.designs import random_stream, wrapped
 
 ROOM = Path(__file__).parents[2] / "firmware_model"
 

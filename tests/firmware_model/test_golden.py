@@ -18,7 +18,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 from edge_vpr_tools.cli import main
-from streams import random_events
 
 from edge_vpr.events import Sensor
 from edge_vpr.map_record import describe_query
@@ -52,6 +51,7 @@ from firmware_model.vectors.facts import facts_for
 from firmware_model.vectors.filter_suite import filter_cases
 from firmware_model.vectors.formats import case_header
 from firmware_model.vectors.manifest import FieldPlace
+from tests.streams import random_events
 
 DESIGN = Design(width=24, height=16, pixels=9, places=20, length=3, code_bits=3, lanes=4)
 FILTER = replace(DESIGN, matching="filter", length=1, code="contrast")

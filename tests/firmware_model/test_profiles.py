@@ -15,7 +15,6 @@ from typing import Any, NamedTuple
 import numpy as np
 import pytest
 from edge_vpr_tools.estimate.of_map import design_of, memories_of
-from streams import Drive, cut_up, random_events, with_sums
 
 from edge_vpr.events import Events, Sensor
 from edge_vpr.map_record import describe_query
@@ -31,6 +30,7 @@ from firmware_model.hardware.simulation import Conditions
 from firmware_model.image import image
 from firmware_model.vectors import in_order, records, to_binary, write_suites
 from firmware_model.vectors.case import Case
+from tests.streams import Drive, cut_up, random_events, with_sums
 
 SENSOR = Sensor(24, 16)
 _SMALL = {"pixels": 12, "sigma": 1.0, "tau_us": 100_000, "remove_bursts": False}

@@ -9,7 +9,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from designs import random_stream, wrapped
 
 import firmware_model
 from firmware_model import Design, Memories
@@ -17,6 +16,7 @@ from firmware_model import specification as spec
 from firmware_model import specification_drive as drive
 from firmware_model.design import LEVELS
 from fixedpoint.activity import BANK_COSTS
+from tests.firmware_model.designs import random_stream, wrapped
 
 ROOM = Path(firmware_model.__file__).parent
 

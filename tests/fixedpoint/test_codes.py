@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 
-import naive
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -19,6 +18,7 @@ from fixedpoint.codes import (
     packed_bytes,
 )
 from fixedpoint.errors import FixedPointError
+from tests import naive
 
 kinds = st.sampled_from(KINDS)
 codes = st.builds(CounterCode, kinds, st.integers(1, 16), st.integers(0, 700))

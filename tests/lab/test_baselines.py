@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 import sys
 
-import naive
 import numpy as np
 import pytest
 from lab.baselines import (
@@ -14,11 +13,12 @@ from lab.baselines import (
     match_distances,
     open_baseline,
 )
-from streams import descriptors
 
 from edge_vpr.errors import MissingExtraError, UsageError
 from edge_vpr.matching.drive import match_descriptors
 from edge_vpr.settings import PRESETS
+from tests import naive
+from tests.streams import descriptors
 
 SETTINGS = PRESETS["paper"].replaced({"sequence_length": 3}, "test")
 BUILT_IN = [

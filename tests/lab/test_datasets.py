@@ -7,7 +7,6 @@ import subprocess
 import sys
 from pathlib import Path
 
-import naive
 import numpy as np
 import pytest
 from hypothesis import given
@@ -28,6 +27,7 @@ from edge_vpr.errors import EventError, GroundTruthError, RecordingError, UsageE
 from edge_vpr.evaluation.ground_truth import from_tracks
 from edge_vpr.evaluation.tracks import great_circle
 from edge_vpr.events import EVENT_DTYPE, Sensor, make_events
+from tests import naive
 
 SMALL = Sensor(6, 5)
 SECOND = 1_000_000

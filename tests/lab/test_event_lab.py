@@ -10,9 +10,9 @@ from pathlib import Path
 import h5py
 import numpy as np
 import pytest
-from streams import random_events
 
 from edge_vpr.events import Sensor
+from tests.streams import random_events
 
 ADAPTER = Path(__file__).parents[2] / "tools/lab/event_lab/edge_vpr.py"
 SENSOR = Sensor(16, 12)

@@ -13,7 +13,6 @@ import numpy as np
 import pytest
 from edge_vpr_tools.report.figures import precision_recall, reliability_diagram
 from edge_vpr_tools.report.tables import SEED
-from in_process import rows_of
 from lab import drives, plots
 from lab import nulls as nulls_module
 from lab.__main__ import main
@@ -35,6 +34,7 @@ from edge_vpr.confidence import DEFAULT_TABLES, LIVE, LIVE_ON_MAP, SMOOTHED, TAB
 from edge_vpr.evaluation.calibration import reliability
 from edge_vpr.settings import PRESETS
 from edge_vpr.simulation import simulate_pair
+from tests.lab.in_process import rows_of
 
 FEW = {"pixels": 10, "sigma": 1.0}
 STREET = partial(simulate_pair, sensor="tiny", length_m=80.0)

@@ -6,21 +6,21 @@ from functools import partial
 
 import numpy as np
 import pytest
-import recording_files as files
-from in_process import rows_of
 from lab import drives
 from lab.experiments import frames
 from lab.loop import Draw
 from lab.pairs import SIMULATED, CountedDrive, CountedPair
 from PIL import Image
-from test_datasets import brisbane, write_log
-from test_intensity import IMAGE, ros_image
-from test_intensity import write_bag as write_messages
-from test_rivals import TRUTHS
 
 from edge_vpr.errors import UsageError
 from edge_vpr.settings import PRESETS
 from edge_vpr.simulation import simulate_pair
+from tests.lab.in_process import rows_of
+from tests.lab.test_datasets import brisbane, write_log
+from tests.lab.test_intensity import IMAGE, ros_image
+from tests.lab.test_intensity import write_bag as write_messages
+from tests.lab.test_rivals import TRUTHS
+from tests.recordings import recording_files as files
 
 SECOND = 1_000_000
 SETTINGS = PRESETS["paper"].replaced({"sequence_length": 2}, "test")

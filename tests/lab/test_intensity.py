@@ -8,7 +8,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-import recording_files as files
 from lab.intensity import (
     MEAN_GREY,
     IntensityFrame,
@@ -22,6 +21,7 @@ from PIL import Image
 from edge_vpr.errors import EdgeVprError, RecordingError, UsageError
 from edge_vpr.events import Sensor
 from edge_vpr.simulation import CAMERAS, QUERY, SimulatedRecording, World
+from tests.recordings import recording_files as files
 
 rng = np.random.default_rng(0)
 GREY = rng.integers(0, 256, (3, 4, 6), dtype=np.uint8)

@@ -22,9 +22,9 @@ from lab.baselines.networks import (
     load_lens,
     read_state_dict,
 )
-from test_baselines import SETTINGS, places_of
 
 from edge_vpr.errors import MissingExtraError, UsageError, WeightsError
+from tests.lab.test_baselines import SETTINGS, places_of
 
 # --- weights --------------------------------------------------------------------------------------
 

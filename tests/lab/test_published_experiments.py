@@ -8,17 +8,17 @@ from functools import partial
 
 import numpy as np
 import pytest
-from in_process import rows_of
 from lab import datasets, pairs
 from lab import drives as drive_pairs
 from lab.__main__ import main
 from lab.experiments import codes, fixed_number, mount_shift, rivals, trust
-from test_datasets import brisbane, qcr, write_bag, write_log, write_parquet
 
 from edge_vpr.errors import GroundTruthError, UsageError
 from edge_vpr.evaluation.ground_truth import GroundTruth, TruePositions
 from edge_vpr.settings import PRESETS
 from edge_vpr.simulation import simulate_pair
+from tests.lab.in_process import rows_of
+from tests.lab.test_datasets import brisbane, qcr, write_bag, write_log, write_parquet
 
 SECOND = 1_000_000
 PAIR = "Brisbane, sunset2 against sunset1"

@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import replace
 from fractions import Fraction
 
-import naive
 import numpy as np
 import pytest
 from lab import drives as drive_pairs
@@ -13,7 +12,6 @@ from lab.experiments import calibration, trust
 from lab.experiments.calibration import without_places
 from lab.pairs import Kept, Pair
 from lab.variants import Variant, VariantResult
-from test_localiser import check_state
 
 from edge_vpr.confidence import LIVE, SMOOTHED, default_confidence
 from edge_vpr.descriptors.windows import PublishedWindows
@@ -27,6 +25,8 @@ from edge_vpr.online.schedule import MatchSchedule
 from edge_vpr.recordings import open_recording
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.settings import PRESETS
+from tests import naive
+from tests.online.test_localiser import check_state
 
 
 @pytest.fixture(scope="module")

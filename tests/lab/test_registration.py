@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-import naive
 import numpy as np
 import pytest
 from lab.registration import (
@@ -14,13 +13,14 @@ from lab.registration import (
     reach_of,
     register,
 )
-from streams import Drive, random_events
 
 from edge_vpr.descriptors.windows import WindowCounts
 from edge_vpr.errors import MapError, UsageError
 from edge_vpr.events import Sensor, make_events
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.settings import PRESETS, Settings
+from tests import naive
+from tests.streams import Drive, random_events
 
 SENSOR = Sensor(32, 24)
 TAU = 1_000_000

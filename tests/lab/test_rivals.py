@@ -18,8 +18,6 @@ from lab.experiments import frames, mount_shift, pixel_number, place_filter, riv
 from lab.experiments.mount_shift import ShiftedWindows, shifted
 from lab.loop import Draw, Drives
 from lab.pairs import INNER, CountedDrive, CountedPair, Kept, Pair
-from streams import Drive
-from test_network_baselines import conv_model
 
 from edge_vpr.confidence import Acceptance
 from edge_vpr.descriptors.pixels import PixelMap
@@ -35,6 +33,8 @@ from edge_vpr.recordings import open_recording
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.settings import PRESETS
 from edge_vpr.simulation import simulate_pair
+from tests.lab.test_network_baselines import conv_model
+from tests.streams import Drive
 
 TAU = 1_000_000
 SETTINGS = PRESETS["paper"].replaced({"sequence_length": 2, "sigma": 2.0, "pixels": 150}, "test")

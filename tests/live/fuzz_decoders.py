@@ -7,16 +7,10 @@ own, which a find names. A find is kept as a test in `test_stream_protocols.py`.
 from __future__ import annotations
 
 import argparse
-import sys
 import time
 from functools import cache
-from pathlib import Path
 
 import numpy as np
-
-sys.path.insert(0, str(Path(__file__).parents[1]))
-from devices import DEVICES
-from streams import balanced
 
 from edge_vpr.descriptors.pixels import PixelMap
 from edge_vpr.descriptors.windows import Descriptors
@@ -26,6 +20,8 @@ from edge_vpr.live.protocols import open_decoder, open_encoder
 from edge_vpr.online.schedule import MatchSchedule
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.settings import Settings
+from tests.live.devices import DEVICES
+from tests.streams import balanced
 
 #: a host, and a device that it may listen to: those of all tests, and what else is worth a run
 PAIRS = (

@@ -8,7 +8,6 @@ from __future__ import annotations
 import gc
 import socket
 import sys
-from pathlib import Path
 
 import numpy as np
 from numba.core.dispatcher import Dispatcher
@@ -18,9 +17,7 @@ from edge_vpr.events import Sensor, make_events
 from edge_vpr.live.protocols import open_encoder
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.settings import PRESETS
-
-sys.path.insert(0, str(Path(__file__).parents[1]))
-from streams import Drive, random_events
+from tests.streams import Drive, random_events
 
 SENSOR = Sensor(64, 48)
 

@@ -11,17 +11,14 @@ import sys
 import time
 from dataclasses import dataclass
 from functools import cache
-from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
 
-sys.path.insert(0, str(Path(__file__).parents[1]))
-from devices import DEVICES
-from streams import balanced
-
 from edge_vpr.events import Events, Sensor, make_events
 from edge_vpr.live.protocols import Health, open_decoder, open_encoder
+from tests.live.devices import DEVICES
+from tests.streams import balanced
 
 SENSOR = Sensor(128, 128)
 KINDS = ("flip", "drop", "insert", "repeat", "truncate", "noise", "garbage", "restart", "wrap")

@@ -7,9 +7,6 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from numba import config
-from streams import balanced, random_events
-from test_filter_run import map_of as filtered_map
-from test_localiser import PIXELS, SENSOR, check_state, map_of
 
 from edge_vpr.descriptors.cleaning import CausalBurstFilter
 from edge_vpr.events import Sensor, join_events, make_events
@@ -18,6 +15,9 @@ from edge_vpr.live.losses import LOSS_STEP_US
 from edge_vpr.live.protocols import open_decoder, open_encoder
 from edge_vpr.online.localiser import Localiser
 from edge_vpr.online.schedule import MatchSchedule
+from tests.online.test_filter_run import map_of as filtered_map
+from tests.online.test_localiser import PIXELS, SENSOR, check_state, map_of
+from tests.streams import balanced, random_events
 
 #: a camera that has more pixels than the map's sensor, with fields of the same widths
 CAMERA = Sensor(8, 8)

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from fuzz_decoders import PAIRS, SENSOR, Seeded, one_input
 
 from edge_vpr.errors import UsageError
 from edge_vpr.live.protocols import PROTOCOLS, open_decoder
+from tests.live.fuzz_decoders import PAIRS, SENSOR, Seeded, one_input
 
 
 def test_every_protocol_is_fed_hostile_streams():

@@ -13,7 +13,6 @@ from itertools import pairwise
 import numpy as np
 import pytest
 from edge_vpr_tools.cli import main
-from streams import Drive, random_events
 
 from edge_vpr.descriptors.counting import cleaned
 from edge_vpr.errors import UsageError
@@ -31,6 +30,7 @@ from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.route import OdometerCheck, Odometry
 from edge_vpr.settings import Settings
 from edge_vpr.simulation import simulate_pair
+from tests.streams import Drive, random_events
 
 SENSOR = Sensor(64, 48)
 

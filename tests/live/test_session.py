@@ -19,9 +19,7 @@ from pathlib import Path
 import numba
 import numpy as np
 import pytest
-from devices import DEVICES
 from edge_vpr_tools.cli import main
-from streams import Drive, random_events
 
 from edge_vpr import LiveSession
 from edge_vpr.descriptors.counting import cleaned
@@ -39,6 +37,8 @@ from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.route import Route
 from edge_vpr.settings import Settings
 from edge_vpr.simulation import simulate_pair
+from tests.live.devices import DEVICES
+from tests.streams import Drive, random_events
 
 ROOT = Path(__file__).parents[2]
 

@@ -12,7 +12,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from devices import DEVICES
 
 from edge_vpr import LiveSession
 from edge_vpr.archive import read_archive, write_archive
@@ -27,6 +26,7 @@ from edge_vpr.live.state import KIND, StateWriter
 from edge_vpr.online.localiser import Localiser
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.simulation import simulate_pair
+from tests.live.devices import DEVICES
 
 ROOT = Path(__file__).parents[2]
 SENSOR = Sensor(128, 128)

@@ -20,7 +20,6 @@ import numpy as np
 import pytest
 from edge_vpr_tools import live_view
 from edge_vpr_tools.cli import main
-from streams import Drive, random_events
 
 from edge_vpr.descriptors.cleaning import BurstFilter
 from edge_vpr.descriptors.counting import cleaned
@@ -39,6 +38,7 @@ from edge_vpr.recordings import open_recording, write_recording
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.route import Route
 from edge_vpr.settings import Settings
+from tests.streams import Drive, random_events
 
 SENSOR = Sensor(64, 48)
 ROOT = Path(__file__).parents[2]

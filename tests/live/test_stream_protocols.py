@@ -9,12 +9,9 @@ import zlib
 
 import numpy as np
 import pytest
-from devices import DEVICES
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from line_faults import KINDS, baud_noise, decode, make_line
 from numba import config
-from streams import balanced, from_first, random_events
 
 from edge_vpr.errors import UsageError
 from edge_vpr.events import EVENT_DTYPE, Sensor, make_events
@@ -24,6 +21,9 @@ from edge_vpr.live.protocols.evpr import HEADER, MAX_FRAME, MAX_STUFFED, stuff
 from edge_vpr.live.protocols.timestamps import UNKNOWN_US
 from edge_vpr.recordings import open_recording
 from edge_vpr.recordings.prophesee import read_header
+from tests.live.devices import DEVICES
+from tests.live.line_faults import KINDS, baud_noise, decode, make_line
+from tests.streams import balanced, from_first, random_events
 
 SENSOR = Sensor(128, 128)
 #: more than any decoder may keep
@@ -658,7 +658,7 @@ def test_real_words_are_the_same_events_as_in_a_recording(shared_data, name, pro
 @pytest.fixture(scope="module")
 def rollover(shared_data):
     """A real camera's clock of 31 bits wraps; its words, and the events that they are."""
-    from test_recordings_ros import payloads
+    from tests.recordings.test_recordings_ros import payloads
 
     folder = shared_data / "recordings" / "ros2_libcaer_rollover"
     return b"".join(payloads(folder)), np.concatenate(list(open_recording(folder)))

@@ -13,7 +13,6 @@ from edge_vpr_tools.profile.conditions import Conditions
 from edge_vpr_tools.profile.meter_trace import read_meter
 from edge_vpr_tools.profile.profiling import SCHEMA, Profile
 from edge_vpr_tools.profile.show import check_shown
-from streams import descriptors, random_events
 
 from edge_vpr.archive import Arrays
 from edge_vpr.confidence import Confidence
@@ -32,6 +31,7 @@ from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.route import Route
 from edge_vpr.settings import Settings, resolve_settings
 from firmware_model.design import Design
+from tests.streams import descriptors, random_events
 
 SENSOR = Sensor(6, 5)
 PIXELS = PixelMap(SENSOR, np.array([0, 5, 2, 1]), np.array([0, 4, 3, 0]))

@@ -6,13 +6,13 @@ import zipfile
 
 import numpy as np
 import pytest
-from saved_files import same_contents
 
 from edge_vpr import archive as archive_module
 from edge_vpr.archive import read_archive, read_members, write_archive
 from edge_vpr.errors import MapError, UsageError
 from edge_vpr.events import make_events
 from edge_vpr.files import replacing
+from tests.maps.saved_files import same_contents
 
 
 def test_what_was_written_is_read(tmp_path):

@@ -7,8 +7,9 @@ import tempfile
 from pathlib import Path
 
 import pytest
-from kernel_programs import KERNEL, ONE_KERNEL, Runner
 from numba import config
+
+from tests.maps.kernel_programs import KERNEL, ONE_KERNEL, Runner
 
 pytestmark = pytest.mark.skipif(
     config.DISABLE_JIT, reason="Numba compiles nothing (NUMBA_DISABLE_JIT)"

@@ -7,9 +7,7 @@ import tomllib
 
 import numpy as np
 import pytest
-import saved_files
 from edge_vpr_tools.cli import main
-from saved_files import SENSOR, same_contents
 
 from edge_vpr.archive import read_archive
 from edge_vpr.descriptors.cleaning import load_hot_pixels
@@ -25,6 +23,8 @@ from edge_vpr.reference_map import write_queries
 from edge_vpr.settings import resolve_settings
 from firmware_model.design import Design
 from firmware_model.errors import DesignError
+from tests.maps import saved_files
+from tests.maps.saved_files import SENSOR, same_contents
 
 KINDS = {
     "map": "reference map",

@@ -7,12 +7,10 @@ import warnings
 from contextlib import suppress
 from functools import partialmethod
 
-import naive
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from streams import Drive, as_tuples, random_events
 
 from edge_vpr.descriptors.cleaning import BURST_SHARE, BURST_SLOT_US, HOT_FACTOR
 from edge_vpr.descriptors.counting import count_windows
@@ -24,6 +22,8 @@ from edge_vpr.map_record import describe
 from edge_vpr.recordings import open_recording
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.settings import Settings
+from tests import naive
+from tests.streams import Drive, as_tuples, random_events
 
 SENSOR = Sensor(9, 7)
 SMALL = Settings(pixels=6, sigma=2.0, tau_us=100_000, sequence_length=2, events_per_pixel=2.0)

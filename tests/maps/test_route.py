@@ -10,7 +10,6 @@ import pytest
 from edge_vpr_tools.cli import main
 from hypothesis import given
 from hypothesis import strategies as st
-from streams import descriptors, random_events
 
 from edge_vpr.descriptors.pixels import PixelMap
 from edge_vpr.errors import GroundTruthError, MapError
@@ -21,6 +20,7 @@ from edge_vpr.recordings import write_recording
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.route import Route
 from edge_vpr.settings import Settings
+from tests.streams import descriptors, random_events
 
 SENSOR = Sensor(16, 12)
 

@@ -6,7 +6,6 @@ import os
 import re
 
 import llvmlite.binding as llvm
-import naive
 import numpy as np
 import pytest
 from hypothesis import given
@@ -22,6 +21,7 @@ from edge_vpr.matching.distances import (
 )
 from edge_vpr.matching.search import best_matches
 from firmware_model import specification_drive
+from tests import naive
 
 SEEDS = st.integers(0, 2**32)
 # the ends of each width, and steps over them

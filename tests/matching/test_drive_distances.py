@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import naive
 import numpy as np
 import pytest
 from edge_vpr_tools import cli
 from hypothesis import given
 from hypothesis import strategies as st
-from streams import descriptors, write_drives
 
 from edge_vpr import Matches, ReferenceMap
 from edge_vpr.errors import MissingExtraError, UsageError
@@ -17,6 +15,8 @@ from edge_vpr.matching import drive as module
 from edge_vpr.matching.drive import drive_distances, match_descriptors
 from edge_vpr.recordings import open_recording
 from edge_vpr.settings import Settings
+from tests import naive
+from tests.streams import descriptors, write_drives
 
 SENSOR = Sensor(16, 12)
 

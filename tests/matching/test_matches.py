@@ -4,13 +4,10 @@ from __future__ import annotations
 
 import csv
 
-import naive
 import numpy as np
 import pytest
-import saved_files
 from hypothesis import given
 from hypothesis import strategies as st
-from streams import descriptors
 
 from edge_vpr.errors import MapError, UsageError
 from edge_vpr.evaluation.ground_truth import GroundTruth
@@ -20,6 +17,9 @@ from edge_vpr.matching import sequences
 from edge_vpr.matching.drive import match_descriptors
 from edge_vpr.matching.matches import CANDIDATES, Matches, write_csv
 from edge_vpr.settings import Settings
+from tests import naive
+from tests.maps import saved_files
+from tests.streams import descriptors
 
 
 @given(

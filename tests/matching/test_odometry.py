@@ -11,8 +11,6 @@ from edge_vpr_tools.cli import main
 from edge_vpr_tools.estimate.of_map import design_of
 from hypothesis import given
 from hypothesis import strategies as st
-from streams import descriptors, random_events
-from test_localiser import PIXEL_MAP, PIXELS, SENSOR
 
 from edge_vpr.errors import EdgeVprWarning, GroundTruthError, MapError, UsageError
 from edge_vpr.evaluation.tables import load_jumps, load_odometry
@@ -29,6 +27,8 @@ from edge_vpr.settings import Settings
 from edge_vpr.simulation.drive import wheel_odometry
 from firmware_model.errors import DesignError
 from firmware_model.specification_drive import anchored
+from tests.online.test_localiser import PIXEL_MAP, PIXELS, SENSOR
+from tests.streams import descriptors, random_events
 
 
 def write(folder, text, name="file.csv"):

@@ -7,10 +7,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from filter_oracle import activities, drive_map, mean_activity_of, row_of_match
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from streams import descriptors
 
 from edge_vpr.confidence import OFF_MAP_MISFIT
 from edge_vpr.descriptors.windows import (
@@ -44,6 +42,8 @@ from firmware_model.specification_drive import (
     windows_of,
 )
 from fixedpoint.activity import BANK_COSTS, EVENTS_TOP, LOG_TOP, bank_costs
+from tests.filter_oracle import activities, drive_map, mean_activity_of, row_of_match
+from tests.streams import descriptors
 
 costs = st.builds(
     TransitionCosts,

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import naive
 import numpy as np
 import pytest
 from hypothesis import given
@@ -10,6 +9,7 @@ from hypothesis import strategies as st
 
 from edge_vpr.errors import UsageError
 from edge_vpr.matching.sequences import sequence_sums
+from tests import naive
 
 
 @given(

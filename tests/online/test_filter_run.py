@@ -4,15 +4,11 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-import naive
 import numpy as np
 import pytest
-from filter_oracle import drive_of, events_that_count, row_of_match, running_codes
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numba import config
-from streams import Drive, as_tuples, cut_up, descriptors, random_events, with_sums
-from test_localiser import PIXEL_MAP, PIXELS, SENSOR, feed, feed_checked
 
 from edge_vpr.errors import UsageError
 from edge_vpr.events import make_events
@@ -30,6 +26,10 @@ from firmware_model.specification_drive import (
     typical_distances,
 )
 from fixedpoint.activity import SUMS
+from tests import naive
+from tests.filter_oracle import drive_of, events_that_count, row_of_match, running_codes
+from tests.online.test_localiser import PIXEL_MAP, PIXELS, SENSOR, feed, feed_checked
+from tests.streams import Drive, as_tuples, cut_up, descriptors, random_events, with_sums
 
 #: in plain Python, which takes a hundred times as long, the same properties with fewer draws
 EXAMPLES = 10 if config.DISABLE_JIT else 40

@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-import naive
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numba import config
-from saved_files import map_of as saved_map_of
-from streams import Drive, as_tuples, cut_up, descriptors, random_events, with_sums
 
 from edge_vpr.confidence import NO_MISFIT
 from edge_vpr.descriptors.pixels import PixelMap
@@ -24,6 +21,9 @@ from edge_vpr.online.schedule import MatchSchedule
 from edge_vpr.online.sliding_windows import recount, with_distances
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.settings import Settings
+from tests import naive
+from tests.maps.saved_files import map_of as saved_map_of
+from tests.streams import Drive, as_tuples, cut_up, descriptors, random_events, with_sums
 
 SENSOR = Sensor(6, 5)
 PIXELS = [(0, 0), (5, 4), (2, 3), (1, 0), (4, 1)]

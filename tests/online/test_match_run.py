@@ -10,10 +10,6 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numba import config
-from streams import as_tuples, random_events, with_sums
-from test_filter_run import map_of as filtered_map
-from test_filter_run import with_ways
-from test_localiser import CODED, PIXEL_MAP, PIXELS, SENSOR, check_state, feed, map_of
 
 from edge_vpr.compiling import SharedState
 from edge_vpr.confidence import Acceptance, Confidence
@@ -26,6 +22,10 @@ from edge_vpr.online.runs import MATCHES_AT_ONCE
 from edge_vpr.online.schedule import MatchSchedule
 from edge_vpr.online.sliding_windows import ContrastCodes, write_codes
 from fixedpoint.own_mean import OwnMeanCode
+from tests.online.test_filter_run import map_of as filtered_map
+from tests.online.test_filter_run import with_ways
+from tests.online.test_localiser import CODED, PIXEL_MAP, PIXELS, SENSOR, check_state, feed, map_of
+from tests.streams import as_tuples, random_events, with_sums
 
 TABLE = Confidence(
     np.array([-5, 0, 4, 30], dtype=np.int64),

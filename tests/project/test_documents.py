@@ -19,7 +19,6 @@ import pytest
 from edge_vpr_tools.cli import VerbParser, find_verb, main
 from edge_vpr_tools.report.tables import with_tables
 from lab.__main__ import parser
-from streams import Drive, random_events
 
 from edge_vpr.events import Sensor
 from edge_vpr.live.match import LiveMatch
@@ -30,6 +29,7 @@ from edge_vpr.reference_map import OnlineMetrics, ReferenceMap
 from edge_vpr.run_log import log_warning, logged_run
 from edge_vpr.settings import PRESETS
 from edge_vpr.simulation import simulate_pair
+from tests.streams import Drive, random_events
 
 ROOT = Path(__file__).parents[2]
 PAGES = [
@@ -106,13 +106,13 @@ def test_the_python_of_guides_holds_for_a_strict_type_checker(tmp_path):
     assert report.startswith("Success: no issues found"), report
 
 
-def commands(page: str) -> list[str]:
-    """Give the lines of a page's code blocks that call `edge-vpr`, joined where they go on."""
+def commands(page: str, program: str = "edge-vpr") -> list[str]:
+    """Give the lines of a page's code blocks that call a program, joined where they go on."""
     found = []
     for _, _, body in _BLOCK.findall((ROOT / page).read_text()):
         for line in body.replace("\\\n", " ").splitlines():
             line = line.removeprefix("$ ")
-            if line.startswith("edge-vpr "):
+            if line.startswith(f"{program} "):
                 found.append(line)
     return found
 
@@ -266,6 +266,16 @@ def test_every_picture_and_table_of_docs_is_on_a_page():
     listed = (ROOT / "docs/results/files.csv").read_text()
     tables = {path.name for path in (ROOT / "docs/results").glob("*.csv")} - {"files.csv"}
     assert {name for name in tables if f"{name}," not in listed} == set()
+
+
+def test_every_experiment_that_pages_and_the_list_of_results_show_is_one():
+    with (ROOT / "docs/results/files.csv").open(newline="") as file:
+        lines = [row["command"] for row in csv.DictReader(file)]
+    lines += [line for page in PAGES for line in commands(page, "python -m lab")]
+    lines = [line for line in lines if line.startswith("python -m lab ") and "--help" not in line]
+    assert len(lines) > 10
+    for line in lines:
+        parser().parse_args(shlex.split(line, comments=True)[3:])
 
 
 def test_only_who_names_the_published_results_replaces_them():

@@ -15,7 +15,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from designs import random_stream
 from edge_vpr_tools.cli import main
 from edge_vpr_tools.estimate.of_map import design_of, memories_of
 
@@ -33,6 +32,7 @@ from firmware_model.specification import MatchResult
 from firmware_model.vectors import Case, in_order, records, to_binary
 from firmware_model.vectors.formats import case_header
 from firmware_model.vectors.random_cases import random_memories
+from tests.firmware_model.designs import random_stream
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 M4 = EXAMPLES / "firmware-m4"

@@ -7,7 +7,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from streams import balanced, random_events
 
 from edge_vpr.errors import EdgeVprError
 from edge_vpr.evaluation.ground_truth import from_tracks
@@ -18,6 +17,7 @@ from edge_vpr.live.protocols import open_decoder, open_encoder
 from edge_vpr.recordings import open_recording
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.simulation import simulate_pair
+from tests.streams import balanced, random_events
 
 S = 1_000_000
 SENSOR = Sensor(64, 48)

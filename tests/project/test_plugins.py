@@ -11,7 +11,6 @@ import numpy as np
 import pytest
 from edge_vpr_tools.cli import main
 from lab.baselines import baseline_names, compare, open_baseline
-from streams import Drive, random_events
 
 from edge_vpr.descriptors.pixels import PixelMap
 from edge_vpr.errors import RecordingError, UsageError
@@ -20,6 +19,7 @@ from edge_vpr.live.protocols import open_decoder, open_encoder
 from edge_vpr.recordings import open_recording, write_recording
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.settings import Settings
+from tests.streams import Drive, random_events
 
 PAGE = (Path(__file__).parents[2] / "docs" / "plugins.md").read_text()
 SENSOR = Sensor(24, 20)

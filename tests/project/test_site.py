@@ -12,10 +12,10 @@ from pathlib import Path
 from urllib.parse import unquote, urlsplit
 
 import pytest
-from browser import open_browser, program
 from edge_vpr_tools.cli import VERBS
 
 import edge_vpr
+from tests.browser import open_browser, program
 
 ROOT = Path(__file__).parents[2]
 #: packages whose exports the reference lists

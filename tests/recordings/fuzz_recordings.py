@@ -33,11 +33,11 @@ from fractions import Fraction
 from pathlib import Path
 
 import numpy as np
-import recording_files as files
 
 from edge_vpr.errors import EdgeVprError, EdgeVprWarning
 from edge_vpr.events import EVENT_DTYPE, TIME_LIMIT_US, Sensor, make_events
 from edge_vpr.recordings import WRITTEN, open_recording, write_recording
+from tests.recordings import recording_files as files
 
 SENSOR = Sensor(40, 30)
 MEMORY_BYTES, SECONDS, BATCH = 512 << 20, 60.0, 500

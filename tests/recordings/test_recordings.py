@@ -15,13 +15,13 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from streams import random_events
 
 from edge_vpr.errors import EdgeVprError, EventError, RecordingError, UsageError
 from edge_vpr.events import EVENT_DTYPE, Sensor, make_events
 from edge_vpr.recordings import FORMATS, WRITTEN, open_recording, write_recording
 from edge_vpr.recordings.decoding import Unwrapper
 from edge_vpr.recordings.reading import Columns, FaultLog
+from tests.streams import random_events
 
 SENSOR = Sensor(40, 30)
 

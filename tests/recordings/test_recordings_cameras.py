@@ -10,14 +10,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import recording_files as files
 from hypothesis import given
 from hypothesis import strategies as st
-from streams import absolute
 
 from edge_vpr.errors import MissingExtraError, RecordingError, UsageError
 from edge_vpr.events import Sensor, make_events
 from edge_vpr.recordings import open_recording, write_recording
+from tests.recordings import recording_files as files
+from tests.streams import absolute
 
 SENSOR = Sensor(640, 480)
 

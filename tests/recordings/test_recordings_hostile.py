@@ -17,13 +17,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import recording_files as files
 
 from edge_vpr.errors import EdgeVprError, RecordingError
 from edge_vpr.events import EVENT_DTYPE, Sensor, make_events
 from edge_vpr.recordings import decoding, frames, open_recording, write_recording
 from edge_vpr.recordings.decoding import DecompressionError, expand
 from edge_vpr.recordings.reading import foreign_errors
+from tests.recordings import recording_files as files
 
 # what a recording remarks is compared as `remark`
 pytestmark = pytest.mark.filterwarnings("ignore::edge_vpr.EdgeVprWarning")

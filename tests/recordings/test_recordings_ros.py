@@ -9,15 +9,15 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-import recording_files as files
 from hypothesis import given
 from hypothesis import strategies as st
-from streams import absolute
 
 from edge_vpr.errors import RecordingError, UsageError
 from edge_vpr.events import Sensor, make_events
 from edge_vpr.recordings import open_recording
 from edge_vpr.recordings.rosbag import Cursor, LibcaerCmpDecoder, read_event_array, read_preamble
+from tests.recordings import recording_files as files
+from tests.streams import absolute
 
 # what a recording remarks is compared as `remark`
 pytestmark = pytest.mark.filterwarnings("ignore::edge_vpr.EdgeVprWarning")

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from streams import random_events
 
 from edge_vpr.errors import EdgeVprWarning, RecordingError, UsageError
 from edge_vpr.events import Sensor, make_events
 from edge_vpr.recordings import open_recording
+from tests.streams import random_events
 
 # what a recording remarks is compared as `remark`
 pytestmark = pytest.mark.filterwarnings("ignore::edge_vpr.EdgeVprWarning")

@@ -9,13 +9,13 @@ import pytest
 from edge_vpr_tools import cli
 from hypothesis import given
 from hypothesis import strategies as st
-from streams import random_events
 
 from edge_vpr.descriptors.windows import PublishedWindows
 from edge_vpr.errors import RecordingError, UsageError
 from edge_vpr.events import Sensor
 from edge_vpr.recordings import TimeCrop, open_recording, write_recording
 from edge_vpr.recordings.reading import seconds_us
+from tests.streams import random_events
 
 SENSOR = Sensor(16, 12)
 

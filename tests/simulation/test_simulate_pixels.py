@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections import defaultdict
 
-import naive
 import numpy as np
 import pytest
 from hypothesis import given
@@ -15,6 +14,7 @@ from edge_vpr.errors import UsageError
 from edge_vpr.events import Sensor, check_events
 from edge_vpr.simulation import CAMERAS, Camera, PixelArray
 from edge_vpr.simulation.view import Noise
+from tests import naive
 
 LIGHT = st.floats(0.015625, 64.0, width=32)
 

@@ -28,7 +28,6 @@ from edge_vpr_tools.cli import (
 )
 from edge_vpr_tools.console import Verbosity, in_flags, verbosity
 from lab.intensity import open_intensity
-from streams import random_events
 
 import edge_vpr
 from edge_vpr import errors
@@ -38,6 +37,7 @@ from edge_vpr.events import Sensor, make_events
 from edge_vpr.live.protocols import open_encoder
 from edge_vpr.recordings import open_recording, write_recording
 from edge_vpr.settings import PRESETS, SETTING_FIELDS
+from tests.streams import random_events
 
 SENSOR = Sensor(16, 12)
 SMALL = ["--preset", "paper", "--pixels", "5", "--sigma", "1", "--tau", "100ms", "-L", "2"]

@@ -12,13 +12,13 @@ from unittest.mock import Mock
 import numpy as np
 import pytest
 from edge_vpr_tools.cli import main
-from streams import random_events, write_drives
 
 from edge_vpr.archive import write_archive
 from edge_vpr.events import Sensor
 from edge_vpr.matching.matches import Matches
 from edge_vpr.recordings import Recording, open_recording, write_recording
 from edge_vpr.reference_map import MatchResult, ReferenceMap
+from tests.streams import random_events, write_drives
 
 SENSOR = Sensor(16, 12)
 SMALL = ["--preset", "paper", "--pixels", "5", "--sigma", "1", "--tau", "100ms", "-L", "2"]

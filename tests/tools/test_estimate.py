@@ -30,7 +30,6 @@ from edge_vpr_tools.estimate.search import (
     on_target,
     recommend,
 )
-from test_commands import drive  # noqa: F401
 
 from edge_vpr.errors import UsageError
 from edge_vpr.recordings import open_recording
@@ -49,6 +48,7 @@ from firmware_model.vectors.random_cases import (
     random_design,
     random_memories,
 )
+from tests.tools.test_commands import drive  # noqa: F401
 
 ROOT = Path(__file__).parents[2]
 SMALL = Design(width=64, height=64, pixels=150, places=200)

@@ -13,13 +13,13 @@ import numpy as np
 import pytest
 from edge_vpr_tools import cli
 from edge_vpr_tools.cli import GENERAL_FLAGS, VERBS, find_verb
-from streams import random_events
 
 from edge_vpr.events import Sensor
 from edge_vpr.live.protocols import open_encoder
 from edge_vpr.recordings import write_recording
 from edge_vpr.simulation import simulate_pair
 from firmware_model import Design
+from tests.streams import random_events
 
 SENSOR = Sensor(16, 12)
 SMALL = "--pixels 5 --sigma 1 --tau 100ms -L 2"

@@ -6,8 +6,9 @@ import json
 import math
 
 import pytest
-from browser import Browser, open_browser, program
 from edge_vpr_tools.publish import MatchServer
+
+from tests.browser import Browser, open_browser, program
 
 pytestmark = pytest.mark.skipif(program() is None, reason="Chromium is not installed")
 PLACES = 60

@@ -14,14 +14,14 @@ import numpy as np
 import pytest
 from edge_vpr_tools.cli import main
 from edge_vpr_tools.live_view import View
-from streams import Drive, random_events
-from terminals import Terminal
 
 from edge_vpr.events import Sensor
 from edge_vpr.live.bridge import open_device_link
 from edge_vpr.live.protocols import open_encoder
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.settings import Settings
+from tests.streams import Drive, random_events
+from tests.tools.terminals import Terminal
 
 pytestmark = pytest.mark.alone
 

@@ -11,7 +11,6 @@ from dataclasses import replace
 from html import unescape
 from types import SimpleNamespace
 
-import naive
 import numpy as np
 import pytest
 from edge_vpr_tools.cli import main
@@ -21,7 +20,6 @@ from edge_vpr_tools.report.verdict import Outcome, outcome_of
 from matplotlib.collections import PathCollection
 from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
-from streams import descriptors
 
 from edge_vpr.errors import UsageError
 from edge_vpr.evaluation.ground_truth import GroundTruth
@@ -31,6 +29,8 @@ from edge_vpr.matching.matches import Matches
 from edge_vpr.reference_map import MatchResult, ReferenceMap, read_queries
 from edge_vpr.results import WINDOWS
 from edge_vpr.settings import PRESETS
+from tests import naive
+from tests.streams import descriptors
 
 
 def run(*words):

@@ -44,11 +44,11 @@ from edge_vpr_tools.profile.sensors.hwmon import CHIPS, with_shunt
 from edge_vpr_tools.profile.sensors.search import find_sensors
 from edge_vpr_tools.profile.sensors.sensor import About, Sensor, SensorError
 from edge_vpr_tools.profile.workload import Throughput
-from test_commands import drive  # noqa: F401
 
 from edge_vpr.errors import UsageError
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.results import from_json, to_json
+from tests.tools.test_commands import drive  # noqa: F401
 
 HWMON = "sys/class/hwmon"
 

@@ -25,7 +25,6 @@ from edge_vpr_tools import publish
 from edge_vpr_tools.cli import main
 from edge_vpr_tools.live_view import row_of
 from edge_vpr_tools.publish import MatchServer, parse_address
-from streams import Drive, random_events
 
 from edge_vpr.errors import UsageError
 from edge_vpr.events import Sensor
@@ -36,6 +35,7 @@ from edge_vpr.live.session import LiveSession
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.route import Route
 from edge_vpr.settings import Settings
+from tests.streams import Drive, random_events
 
 SENSOR = Sensor(16, 12)
 HEALTH = {"kind": "health", "silent_s": 0.0, "lost_link": "", "resyncs": 3}

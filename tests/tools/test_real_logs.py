@@ -13,12 +13,12 @@ from functools import partial
 import numpy as np
 import pytest
 from edge_vpr_tools.truth_files import TruthFiles, load_evaluated
-from saved_files import checksum
 
 from edge_vpr.errors import EdgeVprError
 from edge_vpr.recordings import TimeCrop, open_recording, write_recording
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.simulation import simulate_pair
+from tests.maps.saved_files import checksum
 
 MIDDAY = dt.datetime(2024, 3, 4, 12, tzinfo=dt.UTC)
 ORIGIN, METRE = (-20.0, 140.0), 1 / 111_194.93

@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 from edge_vpr_tools import cli
 from edge_vpr_tools.inputs import tracked
-from streams import random_events
 
 from edge_vpr.errors import RecordingError, UsageError
 from edge_vpr.events import Sensor, make_events
 from edge_vpr.recordings import WRITTEN, open_recording, write_recording
+from tests.streams import random_events
 
 SENSOR = Sensor(40, 30)
 EVENTS = make_events([0, 500_000, 500_000, 2_000_000], [1, 2, 3, 39], [1, 2, 3, 29], [1, 0, 1, 1])

@@ -16,7 +16,6 @@ from edge_vpr_tools.report.replay import _Film, replay_of
 from edge_vpr_tools.report.style import panels
 from edge_vpr_tools.truth_files import evaluated_truth
 from PIL import Image
-from streams import random_events
 
 from edge_vpr.errors import UsageError
 from edge_vpr.events import Sensor
@@ -25,6 +24,7 @@ from edge_vpr.recordings import write_recording
 from edge_vpr.reference_map import MatchResult
 from edge_vpr.results import read_run
 from edge_vpr.simulation import simulate_pair
+from tests.streams import random_events
 
 SENSOR = Sensor(16, 12)
 

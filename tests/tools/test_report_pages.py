@@ -8,13 +8,13 @@ from typing import get_args
 
 import numpy as np
 import pytest
-from browser import open_browser, program
 from edge_vpr_tools.report.page import MISSED, Page, add_run
 from edge_vpr_tools.report.style import Scale, add_scale, along_route, figure, save
 
 from edge_vpr.evaluation.metrics import RecallDenominator
 from edge_vpr.results import InputFile, Machine, RunRecord
 from edge_vpr.route import Route
+from tests.browser import open_browser, program
 
 RECORD = RunRecord(
     schema=1,

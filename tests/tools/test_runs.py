@@ -16,7 +16,6 @@ from edge_vpr_tools.cli import main
 from edge_vpr_tools.commands.calibrate import calibrate
 from edge_vpr_tools.commands.info import summarise
 from edge_vpr_tools.truth_files import TruthFiles
-from test_commands import drive  # noqa: F401
 
 from edge_vpr.map_record import describe_query, map_traverse
 from edge_vpr.matching.drive import match_descriptors, match_query
@@ -24,6 +23,7 @@ from edge_vpr.recordings import open_recording
 from edge_vpr.reference_map import MatchResult, ReferenceMap
 from edge_vpr.results import to_json
 from edge_vpr.warm_up import mapping_steps, warm_up
+from tests.tools.test_commands import drive  # noqa: F401
 
 ROOT = Path(__file__).parents[2]
 

@@ -18,7 +18,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import sweep_jobs
 from edge_vpr_tools import cli
 from edge_vpr_tools.sweep import SHARES, comparison
 from edge_vpr_tools.sweep.comparison import draw, rows_of, write_comparison
@@ -27,13 +26,14 @@ from edge_vpr_tools.sweep.table import read_lines
 from edge_vpr_tools.sweep.trial import fastest, trial
 from edge_vpr_tools.workers import cluster, error_text, mapped, processes
 from matplotlib.figure import Figure
-from streams import random_events
 
 from edge_vpr.errors import EdgeVprError, UsageError
 from edge_vpr.events import Sensor
 from edge_vpr.recordings import write_recording
 from edge_vpr.results import run_record, write_json
 from edge_vpr.settings import PRESETS, Settings
+from tests.streams import random_events
+from tests.tools import sweep_jobs
 
 ROOT = Path(__file__).parents[2]
 
@@ -145,15 +145,20 @@ def test_a_sweep_is_resumed_where_its_file_ends(plan_file, tmp_path, capsys):
     whole = sweep(plan_file, tmp_path / "whole.csv")
     assert len(whole) == 6
     some = tmp_path / "some.csv"
-    some.write_text("".join((tmp_path / "whole.csv").read_text().splitlines(True)[:3]))
+    head, *rows = (tmp_path / "whole.csv").read_text().splitlines(True)
+    some.write_text("".join([head, *rows[-2:]]))
     kept = some.read_text()
+    times = [line["microseconds_per_match"] for line in read_lines(some)]
     sweep(plan_file, some, code=2)
     assert f"output {some} exists" in capsys.readouterr().err
     sweep(plan_file, some, "--resume", "--overwrite", code=2)
     assert some.read_text() == kept
     capsys.readouterr()
-    assert without_times(sweep(plan_file, some, "--resume")) == without_times(whole)
-    assert some.read_text().startswith(kept)
+    resumed = sweep(plan_file, some, "--resume")
+    assert without_times(resumed) == without_times(whole)
+    # in the order of the plan, since a comparison is with the first variant
+    assert [line["microseconds_per_match"] for line in resumed[-2:]] == times
+    assert [line["variant"] for line in resumed] == [line["variant"] for line in whole]
     assert "6 trials, 4 of them computed now" in capsys.readouterr().out
     plan_file.write_text(PLAN.replace("[3, 5]", "[3, 5, 4]"))
     assert len(sweep(plan_file, some, "--resume")) == 8
@@ -247,9 +252,13 @@ def test_an_interrupt_ends_a_sweep_at_once_and_keeps_what_is_finished(
     """It waited for the running trials, and workers printed tracebacks on a terminal."""
     plan_file.write_text(PLAN.replace("seeds = [1, 2]", "seeds = 500"))
     out = tmp_path / "out.csv"
-    words = [sys.executable, "-m", "edge_vpr_tools.cli", "sweep", plan_file, "-o", out]
+    code = (
+        "import signal, sys; signal.signal(signal.SIGINT, signal.default_int_handler); "
+        "from edge_vpr_tools.cli import main; sys.exit(main(sys.argv[1:]))"
+    )
+    words = [sys.executable, "-c", code, "sweep", plan_file, "-o", out, "--workers", "2"]
     with subprocess.Popen(
-        [*words, "--workers", "2"], start_new_session=True, text=True,
+        words, start_new_session=True, text=True,
         stdout=subprocess.PIPE, stderr=subprocess.PIPE,
     ) as run:  # fmt: skip
         end = time.monotonic() + 60
@@ -286,14 +295,14 @@ def test_a_table_on_a_terminal_is_no_markdown(plan_file, tmp_path):
 def test_workers_end_with_the_process_that_started_them(tmp_path, number):
     """They stayed for ever, busy or not."""
     code = (
-        "import sweep_jobs\n"
+        "from tests.tools import sweep_jobs\n"
         "from edge_vpr_tools.workers import processes\n"
         "with processes(2) as workers:\n"
         "    workers.submit(sweep_jobs.double, 1).result()\n"
         f"    workers.submit(sweep_jobs.wait_for_ever, {str(tmp_path)!r})\n"
         f"    workers.submit(sweep_jobs.wait_for_ever, {str(tmp_path)!r}).result()\n"
     )
-    paths = f"{ROOT}:{ROOT / 'tools'}:{ROOT / 'tests/tools'}"
+    paths = f"{ROOT}:{ROOT / 'tools'}"
     # what is left of the run keeps the pipe open
     with subprocess.Popen(
         [sys.executable, "-c", code], env={**os.environ, "PYTHONPATH": paths},

@@ -9,7 +9,8 @@ import sys
 
 import pytest
 from edge_vpr_tools.cli import main
-from test_commands import drive  # noqa: F401
+
+from tests.tools.test_commands import drive  # noqa: F401
 
 UMOCKDEV = shutil.which("umockdev-run")
 pytestmark = pytest.mark.skipif(

@@ -60,9 +60,9 @@ class PublishedFile(NamedTuple):
             Also compare the hash, for which the whole file is read.
         """
         path = folder / self.name
-        found = path.stat().st_size
-        if self.size is not None and found != self.size:
-            return f"{found:,} bytes, of {self.size:,} published"
+        size = path.stat().st_size
+        if self.size is not None and size != self.size:
+            return f"{size:,} bytes, of {self.size:,} published"
         if hashed and self.sha256:
             with path.open("rb") as file:
                 if hashlib.file_digest(file, "sha256").hexdigest() != self.sha256:
@@ -342,9 +342,9 @@ def published_pairs(folder: Path, files: tuple[Files, ...] = KINDS) -> Iterator[
     GroundTruthError
         If the GPS log of a recording is missing or cannot be read.
     """
-    for title, found in found_traverses(folder, files).items():
-        for traverse, path in found[1:]:
-            reference, query = open_drive(*found[0]), open_drive(traverse, path)
+    for title, traverses in found_traverses(folder, files).items():
+        for traverse, path in traverses[1:]:
+            reference, query = open_drive(*traverses[0]), open_drive(traverse, path)
             yield PublishedPair(
                 f"{title}, {query.name} against {reference.name}",
                 reference,

@@ -78,12 +78,12 @@ def open_pairs(data: Path) -> Iterator[Pair]:
     for folder, open_pair in _STAND_INS.items():
         if (data / folder).is_dir():
             yield from open_pair(data / folder)
-    for found in published_pairs(data):
-        tracks = Tracks(found.reference.track, found.query.track)
-        metres = BRISBANE_M if found.tolerance_m == BRISBANE_M[0] else (found.tolerance_m,)
+    for published in published_pairs(data):
+        tracks = Tracks(published.reference.track, published.query.track)
+        metres = BRISBANE_M if published.tolerance_m == BRISBANE_M[0] else (published.tolerance_m,)
         yield from _with_numbers(
             Pair(
-                found.name, found.reference.recording, found.query.recording, PAPER,
+                published.name, published.reference.recording, published.query.recording, PAPER,
                 truths_of_tracks(*tracks, *metres), tracks=tracks,
             )
         )  # fmt: skip
@@ -134,7 +134,7 @@ def check_logs(data: Path) -> None:
 
 def downloads(data: Path | None) -> list[Download]:
     """Return the files of all data sets, those of a traverse in the kind that a folder has."""
-    found = []
+    chosen = []
     for traverses, _ in DATA_SETS.values():
         for traverse in traverses:
             kinds = traverse.downloads
@@ -142,8 +142,8 @@ def downloads(data: Path | None) -> list[Download]:
                 one for one in kinds
                 if data is not None and one.files[0].is_in(data)
             ]  # fmt: skip
-            found.append(there[0] if there else kinds[0])
-    return [*found, *STAND_INS.values()]
+            chosen.append(there[0] if there else kinds[0])
+    return [*chosen, *STAND_INS.values()]
 
 
 def without_pairs(data: Path | None, folders: Collection[str] = tuple(STAND_INS)) -> str:
@@ -164,11 +164,11 @@ def without_pairs(data: Path | None, folders: Collection[str] = tuple(STAND_INS)
 
 def _published_text() -> str:
     """Return files of the first traverse of each data set, with sizes and addresses."""
-    found: dict[str, str] = {}
+    texts: dict[str, str] = {}
     for traverses, _ in DATA_SETS.values():
         one = traverses[0].downloads[0]
-        found.setdefault(one.title.partition(",")[0], one.text)
-    return ", ".join(f"{title} (such as {files})" for title, files in found.items())
+        texts.setdefault(one.title.partition(",")[0], one.text)
+    return ", ".join(f"{title} (such as {files})" for title, files in texts.items())
 
 
 # The stand-ins: short frames and counts that were made of published drives.
@@ -334,13 +334,13 @@ _counted = lru_cache(maxsize=1)(Pair.counted)
 
 
 def _declared(
-    found: Collection[Pair],
+    pairs: Collection[Pair],
     opened: Callable[[Pair], Any] = lambda pair: pair,
     named: Callable[[Pair], str] = lambda pair: pair.drives,
 ) -> list[Drives]:
     return [
         Drives(named(pair), lambda seed, pair=pair: opened(pair), drawn=pair.drawn)  # type: ignore[misc]
-        for pair in found
+        for pair in pairs
     ]
 
 
@@ -354,8 +354,8 @@ def recorded_drives(data: Path | None, *, images: bool = False) -> list[Drives]:
     """
     check_data(data)
     assert data is not None
-    found = [pair for pair in _pairs(data) if pair.has_images or not images]
-    return _declared(found, named=lambda pair: pair.name)
+    pairs = [pair for pair in _pairs(data) if pair.has_images or not images]
+    return _declared(pairs, named=lambda pair: pair.name)
 
 
 def counted_drives(data: Path | None) -> list[Drives]:
@@ -388,13 +388,13 @@ def contests(data: Path | None) -> list[Drives]:
 
     Of Brisbane's drives, some pixels were published.
     """
-    found = [
+    drives = [
         Drives(f"{SIMULATED}, windows of {name}", partial(_street_contest, window), varied=True)
         for window, name in (("time", "1 s"), ("count", "N events"))
     ]
     if data is None:
-        return found
-    found += _declared(whole_pairs(data), _counted)
+        return drives
+    drives += _declared(whole_pairs(data), _counted)
     sparse = data / BRISBANE
     first, second = (sparse / name for name in _BRISBANE_DRIVES)
     day = data / DAY / "daytime_first_half"
@@ -408,8 +408,8 @@ def contests(data: Path | None) -> list[Drives]:
     ):
         if all(path.with_suffix(".npz").is_file() for path in counts) and sparse.is_dir():
             opened = partial(_brisbane_contest, counts, logs)
-            found.append(Drives(f"Brisbane, {title}", opened, drawn=False))
-    return found
+            drives.append(Drives(f"Brisbane, {title}", opened, drawn=False))
+    return drives
 
 
 def _street_contest(window: str, seed: int) -> CountedPair:

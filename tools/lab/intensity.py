@@ -98,7 +98,7 @@ def frames_at(
     if not wanted.size or (np.diff(wanted) < 0).any():
         raise UsageError(f"{wanted.size} moments: give one or more, in ascending order")
     images: npt.NDArray[np.uint8] | None = None
-    found = np.full(wanted.size, np.iinfo(np.int64).min // 2)
+    taken_us = np.full(wanted.size, np.iinfo(np.int64).min // 2)
     start = frames.start_us if start_us is None else start_us
     for time_us, image in frames:
         at = time_us - start
@@ -113,16 +113,16 @@ def frames_at(
         first = int(np.searchsorted(wanted, at - most_apart_us))
         last = int(np.searchsorted(wanted, at + most_apart_us, side="right"))
         near = np.s_[first:last]
-        better = first + np.flatnonzero(abs(wanted[near] - at) < abs(wanted[near] - found[near]))
-        images[better], found[better] = image, at
-    missing = np.flatnonzero(abs(found - wanted) > most_apart_us)
+        better = first + np.flatnonzero(abs(wanted[near] - at) < abs(wanted[near] - taken_us[near]))
+        images[better], taken_us[better] = image, at
+    missing = np.flatnonzero(abs(taken_us - wanted) > most_apart_us)
     if images is None or missing.size:
         raise RecordingError(
             f"there is no image within {most_apart_us / 1e6:g} s of "
             f"{wanted[missing[0]] / 1e6:g} s, nor of {missing.size - 1} other moments: "
             "check the times of the images, and the clock of the events"
         )
-    return images, found
+    return images, taken_us
 
 
 def open_intensity(path: str | Path) -> IntensityFrames:

@@ -67,12 +67,12 @@ def null_rows(
         empty.
     """
     for name, shown in null_queries(pair.counted, rng):
-        found = evaluate(replace(pair, counted=shown).match(), pair.truth)
+        evaluation = evaluate(replace(pair, counted=shown).match(), pair.truth)
         yield {
             column: name + ending,
             CHOSEN_ON: BY_US,
-            "P@100R": found.precision_at_100_recall,
-            "R@99P": found.recall_at_99_precision,
+            "P@100R": evaluation.precision_at_100_recall,
+            "R@99P": evaluation.recall_at_99_precision,
         }
     if not ending:
         yield {

@@ -78,11 +78,11 @@ def inner_windows(truth: GroundTruth, longest: int) -> GroundTruth:
     longest : int
         Windows of the longest sequence.
     """
-    known = truth.known.copy()
+    inner = truth.known.copy()
     before = middle_window(longest)
-    known[:before] = False
-    known[len(known) - (longest - 1 - before) :] = False
-    return replace(truth, correct=truth.correct & known, known=known)
+    inner[:before] = False
+    inner[len(inner) - (longest - 1 - before) :] = False
+    return replace(truth, correct=truth.correct & inner, known=inner)
 
 
 def inner_share(matches: Matches, truth: GroundTruth, longest: int) -> float:
@@ -363,13 +363,13 @@ def count_drive(
 
 def rates(matches: Matches, truth: GroundTruth) -> dict[str, Any]:
     """Return how often matches are correct, and how many of them are accepted."""
-    found = evaluate(matches, truth)
-    rejection = found.rejection
+    evaluation = evaluate(matches, truth)
+    rejection = evaluation.rejection
     row: dict[str, Any] = {
-        "P@100R": found.precision_at_100_recall,
-        "R@99P": found.recall_at_99_precision,
+        "P@100R": evaluation.precision_at_100_recall,
+        "R@99P": evaluation.recall_at_99_precision,
     }
     if rejection.accepted is not None:
-        row["accepted at 0.99"] = rejection.accepted / found.queries
+        row["accepted at 0.99"] = rejection.accepted / evaluation.queries
         row["correct of accepted"] = rejection.precision
     return row

@@ -67,8 +67,8 @@ def dots(
                     trials = {str(name): _values(each, measure) for name, each in _by(those, row)}
                     # several dots of a row stand below each other
                     below = 0.5 * ((i + 0.5) / len(kinds) - 0.5)
-                    found = [mean_and_spread(trials.get(name) or [np.nan]) for name in names]
-                    _dots(axes, found, below, i, _title(kind))
+                    spreads = [mean_and_spread(trials.get(name) or [np.nan]) for name in names]
+                    _dots(axes, spreads, below, i, _title(kind))
                 axes.set(xlabel=measure, title=title, xlim=(-0.03, 1.03))
                 axes.locator_params(axis="x", nbins=4)
                 axes.tick_params(axis="x", labelsize=9)
@@ -81,12 +81,12 @@ def dots(
 
 
 def _dots(
-    axes: Axes, found: Sequence[tuple[float, float]], below: float, i: int, label: str
+    axes: Axes, points: Sequence[tuple[float, float]], below: float, i: int, label: str
 ) -> None:
     """Draw the means and spreads of the i-th series, one each row."""
-    means, spreads = zip(*found, strict=True)
+    means, spreads = zip(*points, strict=True)
     axes.errorbar(
-        means, np.arange(len(found)) + below, xerr=spreads, color=CYCLE[i % len(CYCLE)],
+        means, np.arange(len(points)) + below, xerr=spreads, color=CYCLE[i % len(CYCLE)],
         marker=_MARKERS[i % len(_MARKERS)], ms=5, linestyle="none", label=label,
     )  # fmt: skip
 
@@ -152,8 +152,8 @@ def _mean_line(
     axes: Axes, across: Sequence[float], trials: Sequence[Sequence[float]], **curve: Any
 ) -> None:
     """Draw the mean of the trials at each point, with their standard deviation as a bar."""
-    found = [mean_and_spread(values) for values in trials]
-    means, spreads = ([pair[i] for pair in found] for i in (0, 1))
+    points = [mean_and_spread(values) for values in trials]
+    means, spreads = ([pair[i] for pair in points] for i in (0, 1))
     axes.errorbar(across, means, spreads, marker="o", ms=3.5, **curve)
 
 
@@ -171,19 +171,19 @@ def mean_and_spread(trials: Sequence[float]) -> tuple[float, float]:
 @contextmanager
 def _grid(rows: Rows, column: str, y: str) -> Iterator[tuple[Figure, list[tuple[Axes, Rows]]]]:
     """Lay out a panel for each value of a column, and yield each with its rows."""
-    found = list(_by(rows, column))
-    columns = min(len(found), _COLUMNS)
-    across = -(-len(found) // columns)
+    groups = list(_by(rows, column))
+    columns = min(len(groups), _COLUMNS)
+    across = -(-len(groups) // columns)
     with panels(across, columns, 3.4 * columns + 0.6, 3.1 * across + 0.8, sharey=True) as (
         drawing,
         grid,
     ):
-        for empty in grid.flat[len(found) :]:
+        for empty in grid.flat[len(groups) :]:
             empty.remove()
         for left in grid[:, 0]:
             left.set_ylabel(y)
         shown = []
-        for axes, (value, of) in zip(grid.flat, found, strict=False):
+        for axes, (value, of) in zip(grid.flat, groups, strict=False):
             axes.set_title("\n".join(map(_title, str(value).split("\n"))))
             shown.append((axes, of))
         yield drawing, shown

@@ -127,13 +127,13 @@ def estimate_shift(
     x, y = x[inner], y[inner]
     counts = _folded(reference.decoded(reference.windows).counts, len(pixel_map))
     places = _levels(counts[:, inner])
-    found = {
+    sums = {
         (dx, dy): _likeness(places, _levels(images[:, y + dy, x + dx]))
         for dy in range(-reach, reach + 1)
         for dx in range(-reach, reach + 1)
     }
-    dx, dy = min(found, key=lambda s: (-math.fsum(found[s]), s[0] ** 2 + s[1] ** 2, s))
-    return dx, dy, found[dx, dy], found[0, 0]
+    dx, dy = min(sums, key=lambda s: (-math.fsum(sums[s]), s[0] ** 2 + s[1] ** 2, s))
+    return dx, dy, sums[dx, dy], sums[0, 0]
 
 
 def reach_of(sensor: Sensor) -> int:
@@ -174,14 +174,14 @@ def _first_images(
 ) -> npt.NDArray[np.uint16]:
     """Count the first windows of a query at all pixels, as (n, height, width)."""
     sensor, settings = recording.sensor, reference.settings
-    found: Iterator[WindowCounts]
+    windows: Iterator[WindowCounts]
     if isinstance(recording, WindowSource):
         if not recording.counted.all():
             raise UsageError(
                 f"{int((~recording.counted).sum())} pixels were not counted in this file, and a "
                 "shift is estimated from all: leave registration out"
             )
-        found = recording.windows()
+        windows = recording.windows()
     else:
         # a fixed-count window ends after about this many events of the whole sensor
         window = (
@@ -190,9 +190,9 @@ def _first_images(
             else FixedCount(max(1, int(reference.places.events.sum()) // len(reference)))
         )
         stream = DescriptorStream(PixelMap.all_of(sensor), window)
-        found = event_windows(recording, stream, settings, None)
+        windows = event_windows(recording, stream, settings, None)
     most = FULL_SCALE
-    images = [np.minimum(w.counts, most).astype(np.uint16) for w in islice(found, WINDOWS)]
+    images = [np.minimum(w.counts, most).astype(np.uint16) for w in islice(windows, WINDOWS)]
     return np.array(images, np.uint16).reshape(-1, sensor.height, sensor.width)
 
 

@@ -71,12 +71,12 @@ class _Traverses(Dataset):  # type: ignore[misc]  # tonic has no types
         if files not in KINDS:
             raise UsageError(f"files={files!r} is unknown: use {' or '.join(KINDS)}")
         self._on_fault = on_fault
-        known = {traverse.name: traverse for traverse in self._known}
-        paths = {name: folder / traverse.file_name(files) for name, traverse in known.items()}
+        by_name = {traverse.name: traverse for traverse in self._known}
+        paths = {name: folder / traverse.file_name(files) for name, traverse in by_name.items()}
         page = self._known[0].pages[files]
         for name in traverses or ():
-            if name not in known:
-                raise UsageError(f"traverse {name!r} is unknown: choose from {', '.join(known)}")
+            if name not in by_name:
+                raise UsageError(f"traverse {name!r} is unknown: choose from {', '.join(by_name)}")
             if not paths[name].is_file():
                 raise RecordingError(
                     f"{folder} does not hold {paths[name].name}: download it from {page}"
@@ -89,7 +89,7 @@ class _Traverses(Dataset):  # type: ignore[misc]  # tonic has no types
                 f"download one or more from {page}, or name another folder"
             )
         self.traverses = tuple(traverses)
-        self._chosen = [(known[name], paths[name]) for name in traverses]
+        self._chosen = [(by_name[name], paths[name]) for name in traverses]
 
     def __len__(self) -> int:
         return len(self._chosen)
@@ -98,14 +98,14 @@ class _Traverses(Dataset):  # type: ignore[misc]  # tonic has no types
         chunks, target = self.stream(index)
         # This briefly needs twice the 13 bytes of each event; `stream` needs the bytes of a chunk.
         events: Any = np.concatenate([np.empty(0, EVENT_DTYPE), *chunks])
-        found: Any = target
+        labelled: Any = target
         if self.transform is not None:
             events = self.transform(events)
         if self.target_transform is not None:
-            found = self.target_transform(found)
+            labelled = self.target_transform(labelled)
         if self.transforms is not None:
-            events, found = self.transforms(events, found)
-        return events, found
+            events, labelled = self.transforms(events, labelled)
+        return events, labelled
 
     def stream(self, index: int) -> tuple[Iterator[Events], Target]:
         """Read a traverse in bounded memory, without the transforms.

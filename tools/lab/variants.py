@@ -84,8 +84,8 @@ class VariantResult:
         """Match, and evaluate every window that is matched."""
         queries = pair.reference.coded(pair.counted)
         matches, matching_s = fastest(lambda: match_query(pair.reference, queries))
-        found = evaluate(matches, pair.truth)
-        return cls(pair.reference, queries, matches, pair.truth, found, matching_s)
+        evaluation = evaluate(matches, pair.truth)
+        return cls(pair.reference, queries, matches, pair.truth, evaluation, matching_s)
 
     @property
     def microseconds_per_match(self) -> float:
@@ -99,11 +99,11 @@ class VariantResult:
 
     def row(self) -> dict[str, Any]:
         """Return the measured columns of an experiment's table."""
-        found = self.evaluation
+        evaluation = self.evaluation
         return {
-            "P@100R": found.precision_at_100_recall,
-            "R@99P": found.recall_at_99_precision,
-            "Recall@5": found.recall_at[5],
+            "P@100R": evaluation.precision_at_100_recall,
+            "R@99P": evaluation.recall_at_99_precision,
+            "Recall@5": evaluation.recall_at[5],
             "bytes per window": self.reference.packed_bytes_per_window,
             "operations per query": self.operations,
             "time per query (us)": self.microseconds_per_match,
@@ -143,8 +143,8 @@ def _measure(variants: Sequence[Variant], default: str, draw: Draw) -> Iterator[
         if not (draw.is_new or variant.drawn):
             continue
         mapped = variant.of(pair, draw.seed)
-        found = VariantResult.of(mapped)
-        inner = inner_share(found.matches, found.truth, pair.settings.sequence_length)
-        yield {"variant": variant.name, CHOSEN_ON: variant.chosen_on, **found.row(), INNER: inner}
+        result = VariantResult.of(mapped)
+        inner = inner_share(result.matches, result.truth, pair.settings.sequence_length)
+        yield {"variant": variant.name, CHOSEN_ON: variant.chosen_on, **result.row(), INNER: inner}
         if variant.name == default:
             yield from null_rows(mapped, np.random.default_rng(draw.seed), "variant")

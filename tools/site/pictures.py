@@ -41,10 +41,9 @@ from rich.text import Text
 from edge_vpr.matching.distances import ReferenceIndex
 from edge_vpr.reference_map import MatchResult
 from edge_vpr.results import read_run
+from tests.tools.terminals import Terminal
 
 ROOT = Path(__file__).parents[2]
-sys.path.insert(0, str(ROOT / "tests/tools"))
-from terminals import Terminal  # noqa: E402
 
 IMAGES = ROOT / "docs" / "images"
 TRACKS = ("street/reference_track.csv", "street/query_track.csv")

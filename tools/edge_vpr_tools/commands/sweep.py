@@ -46,7 +46,7 @@ def run(args: argparse.Namespace) -> None:
     from edge_vpr.results import check_new_file
     from edge_vpr_tools.sweep.comparison import rows_of, show
     from edge_vpr_tools.sweep.plan import read_plan, run_trial
-    from edge_vpr_tools.sweep.table import appending, remaining
+    from edge_vpr_tools.sweep.table import appending, put_in_order, remaining
     from edge_vpr_tools.workers import cluster, error_text, mapped, processes
 
     if args.workers is not None and args.scheduler is not None:
@@ -80,6 +80,7 @@ def run(args: argparse.Namespace) -> None:
                 append(trial, found)
             failed = f", {len(lost)} failed" if lost else ""
             say(f"{number} of {len(left)} trials{failed}")
+    put_in_order(output, trials)
     show(rows_of([output]))
     for line in lost[:_MOST_SHOWN]:
         warning(line)

@@ -104,8 +104,8 @@ def rows_of(runs: Sequence[Path]) -> list[Row]:
 
 def draw(rows: Sequence[Row], measure: str = "precision_at_100_recall") -> Figure:
     """Draw a measure of the best rows: a dot for each seed, and the mean."""
-    known = [row for row in rows if row.values[measure]]
-    shown = sorted(known, key=lambda row: -row.mean(measure))[:MOST_DRAWN]
+    drawn = [row for row in rows if row.values[measure]]
+    shown = sorted(drawn, key=lambda row: -row.mean(measure))[:MOST_DRAWN]
     pairs = list(dict.fromkeys(row.drives for row in shown))
     labels = [name_label(row.name) for row in shown]
     # five inches for the axes and their title, whatever the length of the labels
@@ -116,7 +116,7 @@ def draw(rows: Sequence[Row], measure: str = "precision_at_100_recall") -> Figur
             values = row.values[measure]
             axes.plot(values, [i] * len(values), ".", color=colour, ms=5, alpha=0.6)
             axes.plot(row.mean(measure), i, "|", color=colour, ms=14, mew=2)
-        left_out = f"\n(the best {len(shown)} of {len(known)})" if len(shown) < len(known) else ""
+        left_out = f"\n(the best {len(shown)} of {len(drawn)})" if len(shown) < len(drawn) else ""
         axes.set_yticks(range(len(shown)), labels, fontsize=8)
         axes.invert_yaxis()
         axes.set_title(
@@ -210,7 +210,7 @@ def _of_match(run: Path, name: str) -> list[Row]:
             "queries": one.queries,
             **{f"recall_at_{n}": one.recall_at.get(f"{n}") for n in (1, 5, 10)},
         }
-        found = values | shares
+        measured = values | shares
         rows.append(
             Row(
                 run=name,
@@ -218,7 +218,7 @@ def _of_match(run: Path, name: str) -> list[Row]:
                 drives="",
                 tolerance=f"{one.tolerance:g} {one.unit}" if isinstance(one, _OfTolerance) else "",
                 values={
-                    each: () if (value := found.get(each)) is None else (float(value),)
+                    each: () if (value := measured.get(each)) is None else (float(value),)
                     for each in MEASURES
                 },
                 seeds=(settings.seed,),
@@ -262,7 +262,8 @@ def markdown(rows: Sequence[Row]) -> str:
 def show(rows: Sequence[Row]) -> None:
     """Print the main measures as a table; a name that all rows share stands in its title."""
     columns = dict(zip(_HEAD, zip(*map(_names, rows), strict=True), strict=True))
-    shared = [name for name, cells in columns.items() if name != "variant" and len(set(cells)) == 1]
+    first = "variant" if any(columns["variant"]) else "run"
+    shared = [name for name, cells in columns.items() if name != first and len(set(cells)) == 1]
     apart = [name for name in columns if name not in shared]
     named = zip(*(columns[name] for name in apart), strict=True)
     table(
@@ -312,10 +313,10 @@ class Average(NamedTuple):
 
 def differing_settings(rows: Sequence[Row]) -> list[str]:
     """Return the names of the settings that are not the same in all rows, in their order."""
-    known = [row.settings for row in rows if row.settings]
+    settings_of_rows = [row.settings for row in rows if row.settings]
     return [
         name for name in SETTING_FIELDS
-        if len({_word(settings, name) for settings in known}) > 1
+        if len({_word(settings, name) for settings in settings_of_rows}) > 1
     ]  # fmt: skip
 
 
@@ -340,25 +341,25 @@ def averages(rows: Sequence[Row], measure: str) -> list[Average]:
     for row in rows:
         groups.setdefault((row.run, row.variant, row.tolerance), []).append(row)
     firsts: dict[str, list[Row]] = {}
-    found = []
+    means = []
     for (run, variant, tolerance), group in groups.items():
         first = firsts.setdefault(tolerance, group)
-        known = [row for row in group if any(row.values.values())]
+        measured = [row for row in group if any(row.values.values())]
         settings = next((row.settings for row in group if row.settings), {})
-        found.append(
+        means.append(
             Average(
                 run=run,
                 variant=variant,
                 tolerance=tolerance,
                 settings={SETTING_FIELDS[name].key: _word(settings, name) for name in names},
-                drives=len(known),
+                drives=len(measured),
                 means={
                     name: _mean([np.array(row.values[name]) for row in group]) for name in MEASURES
                 },
                 difference=None if group is first else _difference(group, first, measure),
             )
         )
-    return found
+    return means
 
 
 def lacks_intervals(rows: Sequence[Row], measure: str) -> bool:
@@ -426,14 +427,14 @@ def _word(settings: Mapping[str, object], name: str) -> str:
 
 
 def averages_table(
-    found: Sequence[Average], measure: str
+    means: Sequence[Average], measure: str
 ) -> tuple[list[str], list[list[str | float | None]]]:
     """Return heading and cells of the averages, for a spreadsheet."""
-    keys = list(found[0].settings) if found else []
+    keys = list(means[0].settings) if means else []
     head = ["run", "variant", *keys, "tolerance", "drive_pairs", *MEASURES]
     head += [f"{measure}_difference", "difference_low", "difference_high"]
     lines: list[list[str | float | None]] = []
-    for one in found:
+    for one in means:
         apart = one.difference
         numbers = [*one.means.values()]
         numbers += [np.nan] * 3 if apart is None else [apart.mean, apart.low, apart.high]
@@ -449,20 +450,20 @@ _LATEX = str.maketrans(
 )
 
 
-def latex(found: Sequence[Average], measure: str) -> str:
+def latex(means: Sequence[Average], measure: str) -> str:
     """Return a table of the averages for the package booktabs.
 
     A column for each setting that differs, or for the names of runs and variants if none does; one
     for each measure that is known; and the difference from the first row with its interval.
     """
-    keys = list(found[0].settings) if found else []
-    measures = [name for name in MEASURES if any(not np.isnan(one.means[name]) for one in found)]
-    named = len({one.run for one in found}) > 1
-    several = len({one.tolerance for one in found}) > 1
+    keys = list(means[0].settings) if means else []
+    measures = [name for name in MEASURES if any(not np.isnan(one.means[name]) for one in means)]
+    named = len({one.run for one in means}) > 1
+    several = len({one.tolerance for one in means}) > 1
     head = ["run"] * named + (keys or ["variant"]) + ["tolerance"] * several + ["drives"]
     head += [*(MEASURES[name] for name in measures), f"difference of {MEASURES[measure]}"]
     lines = []
-    for one in found:
+    for one in means:
         names = [one.run] * named + (list(one.settings.values()) if keys else [one.variant])
         names += [one.tolerance] * several
         cells = [printable(name, 200).translate(_LATEX) for name in [*names, f"{one.drives}"]]
@@ -480,11 +481,13 @@ def _number(value: float, measure: str, sign: str = "") -> str:
     return f"${value:{sign}.{digits_of(measure)}f}$"
 
 
-def _interval(found: Interval, measure: str) -> str:
-    shown = _number(found.mean, measure, "+")
-    if np.isnan(found.low):
+def _interval(interval: Interval, measure: str) -> str:
+    shown = _number(interval.mean, measure, "+")
+    if np.isnan(interval.low):
         return shown
-    return f"{shown} [{_number(found.low, measure, '+')}, {_number(found.high, measure, '+')}]"
+    return (
+        f"{shown} [{_number(interval.low, measure, '+')}, {_number(interval.high, measure, '+')}]"
+    )
 
 
 # The figure of a measure over a setting.
@@ -510,18 +513,18 @@ def draw_over(rows: Sequence[Row], measure: str, over: str) -> Figure:
             f"{', '.join(keys) or 'no setting'}"
         )
     others = [other for other in names if other != name]
-    known = [row for row in rows if row.settings and row.values[measure]]
-    values = [row.settings[name] for row in known]
+    measured = [row for row in rows if row.settings and row.values[measure]]
+    values = [row.settings[name] for row in measured]
     numeric = all(isinstance(value, int | float) for value in values)
-    words = list(dict.fromkeys(_word(row.settings, name) for row in known))
+    words = list(dict.fromkeys(_word(row.settings, name) for row in measured))
     at = (
         [float(value) for value in values]
         if numeric
-        else [float(words.index(_word(row.settings, name))) for row in known]
+        else [float(words.index(_word(row.settings, name))) for row in measured]
     )
-    several = len({row.tolerance for row in known}) > 1
+    several = len({row.tolerance for row in measured}) > 1
     lines: dict[tuple[str, ...], dict[float, list[Floats]]] = {}
-    for row, x in zip(known, at, strict=True):
+    for row, x in zip(measured, at, strict=True):
         fixed = [f"{SETTING_FIELDS[each].key} {_word(row.settings, each)}" for each in others]
         fixed += [f"tolerance {row.tolerance}"] * several
         line = lines.setdefault((row.run, *fixed), {})
@@ -532,12 +535,12 @@ def draw_over(rows: Sequence[Row], measure: str, over: str) -> Figure:
     with figure(7.5, height) as (drawing, axes):
         for i, (label, line) in enumerate(zip(labels, lines.values(), strict=True)):
             points = sorted(line)
-            found = [bootstrap(line[x]) for x in points]
+            intervals = [bootstrap(line[x]) for x in points]
             style = look(i)
-            any_interval = any_interval or not np.isnan(found[0].low)
-            axes.plot(points, [one.mean for one in found], **style, marker="o", label=label)
+            any_interval = any_interval or not np.isnan(intervals[0].low)
+            axes.plot(points, [one.mean for one in intervals], **style, marker="o", label=label)
             axes.fill_between(
-                points, [one.low for one in found], [one.high for one in found],
+                points, [one.low for one in intervals], [one.high for one in intervals],
                 color=style["color"], alpha=0.15, linewidth=0,
             )  # fmt: skip
         if not numeric:

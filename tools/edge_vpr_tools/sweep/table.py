@@ -14,7 +14,7 @@ import edge_vpr
 from edge_vpr.errors import UsageError
 from edge_vpr.files import open_input
 from edge_vpr.settings import SETTING_FIELDS, setting_words
-from edge_vpr_tools.report.tables import spreadsheet_cell
+from edge_vpr_tools.report.tables import spreadsheet_cell, write_spreadsheet
 from edge_vpr_tools.sweep import MEASURES
 from edge_vpr_tools.sweep.plan import Trial
 from edge_vpr_tools.sweep.trial import Measured
@@ -120,11 +120,10 @@ def remaining(trials: Sequence[Trial], path: Path) -> list[Trial]:
     UsageError
         If it has a row of the same variant, drives and seed by other settings or another version.
     """
-    rows = {(line["variant"], line["drives"], line["seed"]): line for line in read_lines(path)}
+    rows = {_name(line): line for line in read_lines(path)}
     left = []
     for trial in trials:
-        cells = [trial.variant, trial.drives, str(trial.settings.seed)]
-        line = rows.get(tuple(str(spreadsheet_cell(cell)) for cell in cells))  # type: ignore[arg-type]
+        line = rows.get(_name_in_file(trial))
         if line is None:
             left.append(trial)
             continue
@@ -135,3 +134,23 @@ def remaining(trials: Sequence[Trial], path: Path) -> list[Trial]:
                     f"it is {word} now: name another file, or --overwrite this one"
                 )
     return left
+
+
+def put_in_order(path: Path, trials: Sequence[Trial]) -> None:
+    """Write the rows anew in the order of the trials; a comparison is with the first variant."""
+    places = {_name_in_file(trial): number for number, trial in enumerate(trials)}
+    lines = sorted(read_lines(path), key=lambda line: places.get(_name(line), len(places)))
+    cells = [
+        [float(line[name]) if name in MEASURES else line[name] for name in COLUMNS]
+        for line in lines
+    ]
+    write_spreadsheet(path, COLUMNS, cells)
+
+
+def _name(line: Line) -> tuple[str, str, str]:
+    return line["variant"], line["drives"], line["seed"]
+
+
+def _name_in_file(trial: Trial) -> tuple[str, str, str]:
+    variant, drives = (str(spreadsheet_cell(name)) for name in (trial.variant, trial.drives))
+    return variant, drives, str(trial.settings.seed)

@@ -99,15 +99,15 @@ def trial(settings: Settings, pair: PairOfDrives) -> list[Measured]:
     matches, matching_s = fastest(partial(match_query, reference, queries))
     rows: list[Measured] = []
     for truth in pair.truths:
-        found = evaluate(matches, truth(reference.place_time_us, matched.query_time_us))
+        evaluation = evaluate(matches, truth(reference.place_time_us, matched.query_time_us))
         rows.append(
             {
-                "tolerance": found.truth.tolerance_text,
-                "precision_at_100_recall": found.precision_at_100_recall,
-                "recall_at_99_precision": found.recall_at_99_precision,
-                "average_precision": found.average_precision,
-                **{f"recall_at_{n}": found.recall_at[n] for n in (1, 5, 10)},
-                "queries": found.queries,
+                "tolerance": evaluation.truth.tolerance_text,
+                "precision_at_100_recall": evaluation.precision_at_100_recall,
+                "recall_at_99_precision": evaluation.recall_at_99_precision,
+                "average_precision": evaluation.average_precision,
+                **{f"recall_at_{n}": evaluation.recall_at[n] for n in (1, 5, 10)},
+                "queries": evaluation.queries,
                 "packed_bytes_per_window": reference.packed_bytes_per_window,
                 "differences_per_match": reference.places.counts.size,
                 "microseconds_per_match": 1e6 * matching_s / len(matches),

@@ -91,7 +91,7 @@ def _factory(name: str) -> _Factory | None:
 
 def _known() -> dict[str, str | None]:
     """Return the argument of each baseline; those that fail are left out with a warning."""
-    found = {}
+    parameters = {}
     for name in _BASELINES.names():
         try:
             factory = _factory(name)
@@ -99,8 +99,8 @@ def _known() -> dict[str, str | None]:
             _leave_out(str(error))
             continue
         if factory is not None:
-            found[name] = factory.argument
-    return found
+            parameters[name] = factory.argument
+    return parameters
 
 
 @cache  # warns once
@@ -154,18 +154,18 @@ def open_baseline(name: str, seed: int = 0) -> Baseline:
 
 
 def _open(name: str, seed: int) -> Baseline:
-    kind, _, given = name.partition(":")
+    kind, _, argument = name.partition(":")
     factory = _factory(kind)
-    if factory is None or (given and factory.argument is None):
-        known = [one if takes is None else f"{one}:{takes}" for one, takes in _known().items()]
+    if factory is None or (argument and factory.argument is None):
+        parameters = [one if takes is None else f"{one}:{takes}" for one, takes in _known().items()]
         raise UsageError(
             f"baseline {name!r} is unknown{did_you_mean(name, baseline_names())}: choose one of "
-            f"{', '.join(known)}"
+            f"{', '.join(parameters)}"
         )
     if factory.argument is None:
         return factory.make(seed)
-    if not given:
+    if not argument:
         raise UsageError(
             f"baseline {kind!r} needs a {factory.argument.lower()}: write {kind}:{factory.argument}"
         )
-    return factory.make(seed, given)
+    return factory.make(seed, argument)

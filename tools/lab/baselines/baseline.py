@@ -138,8 +138,8 @@ def match_distances(
         Only `sequence_length` and `exclusion` are used.
     """
     sums = sequence_sums(_whole(distances, _BITS), settings.sequence_length)
-    found = BestSequences.of(sums, settings.exclusion)
-    return sequence_matches([found], settings, len(distances), query_us, Acceptance(None, None))
+    best = BestSequences.of(sums, settings.exclusion)
+    return sequence_matches([best], settings, len(distances), query_us, Acceptance(None, None))
 
 
 def filter_distances(

@@ -112,14 +112,14 @@ def load_lens(path: str | Path) -> LensWeights:
     WeightsError
         If the weights cannot be read, or are not those of LENS.
     """
-    found = read_state_dict(path)
-    missing = [name for name in _LAYERS if name not in found]
+    weights = read_state_dict(path)
+    missing = [name for name in _LAYERS if name not in weights]
     if missing:
         raise WeightsError(
-            f"{path} has no {' and no '.join(missing)}; it has {', '.join(found)}: give weights "
+            f"{path} has no {' and no '.join(missing)}; it has {', '.join(weights)}: give weights "
             "that LENS saved"
         )
-    feature, output = (found[name] for name in _LAYERS)
+    feature, output = (weights[name] for name in _LAYERS)
     fits = feature.ndim == output.ndim == 2 and feature.shape[0] == output.shape[1]
     if not fits or math.isqrt(feature.shape[1]) ** 2 != feature.shape[1] or not output.size:
         raise WeightsError(

@@ -262,8 +262,8 @@ def versions_of(
 def of_another_route(pair: MappedPair, elsewhere: Descriptors, parts: int = 1) -> MappedPair:
     """Return the map of a pair with a drive of another route, of so many parts in a window."""
     nowhere = np.zeros((len(pair.reference), len(elsewhere)), dtype=np.bool_)
-    known = np.ones(len(elsewhere), dtype=np.bool_)
-    away = MappedPair(pair.reference, elsewhere, GroundTruth(nowhere, known, ANOTHER))
+    judged = np.ones(len(elsewhere), dtype=np.bool_)
+    away = MappedPair(pair.reference, elsewhere, GroundTruth(nowhere, judged, ANOTHER))
     return spliced(away, np.arange(len(elsewhere)), parts)
 
 
@@ -298,20 +298,20 @@ class Sample(NamedTuple):
 def sample(pair: MappedPair, first: int = 0, last: int | None = None) -> Sample:
     """Match a pair, and return the matches whose truth is known, of windows `first` to `last`."""
     matches = pair.match()
-    known = pair.truth.judged(matches.place, matches.query) & (matches.query >= first)
+    judged = pair.truth.judged(matches.place, matches.query) & (matches.query >= first)
     if last is not None:
-        known &= matches.query < last
+        judged &= matches.query < last
     correct = pair.truth.correct[matches.place, matches.query]
     has_place = pair.truth.has_place[matches.query]
-    changes = np.zeros(known.size, dtype=np.bool_)
+    changes = np.zeros(judged.size, dtype=np.bool_)
     if isinstance(pair, Spliced):
         changes = pair.changes[matches.query]
-    return Sample(matches.net_trust[known], correct[known], has_place[known], changes[known])
+    return Sample(matches.net_trust[judged], correct[judged], has_place[judged], changes[judged])
 
 
-def joined(found: Sequence[Sample]) -> Sample:
+def joined(samples: Sequence[Sample]) -> Sample:
     """Concatenate samples."""
-    return Sample(*(np.concatenate(column) for column in zip(*found, strict=True)))
+    return Sample(*(np.concatenate(column) for column in zip(*samples, strict=True)))
 
 
 # Learn the tables.
@@ -333,15 +333,15 @@ def learn(seeds: int, folder: Path, on_start: Callable[[str], None]) -> None:
 def samples_of(seed: int) -> dict[str, Sample]:
     """Return the matches of all drives of a street, for each table."""
     rng = np.random.default_rng((_CUTS, seed))
-    found: dict[str, list[Sample]] = {name: [] for name in (*MATCHINGS, LIVE_ON_MAP)}
+    samples: dict[str, list[Sample]] = {name: [] for name in (*MATCHINGS, LIVE_ON_MAP)}
     for pair, elsewhere in driven(open_street(seed), drive_elsewhere(seed), places_per_window=1):
         for version, changed in versions_of(pair, elsewhere, rng).items():
             for name, changes in MATCHINGS.items():
                 some = sample(changed.with_settings(changes))
-                found[name].append(some)
+                samples[name].append(some)
                 if version == WHOLE and name == LIVE:
-                    found[LIVE_ON_MAP].append(some)
-    return {name: joined(some) for name, some in found.items()}
+                    samples[LIVE_ON_MAP].append(some)
+    return {name: joined(some) for name, some in samples.items()}
 
 
 def drive_elsewhere(seed: int) -> SimulatedRecording:
@@ -353,13 +353,13 @@ def drive_elsewhere(seed: int) -> SimulatedRecording:
 def write_tables(streets: Sequence[dict[str, Sample]], folder: Path) -> None:
     """Write the tables that are learnt from the matches of some streets."""
     seeds = len(streets)
-    found = {name: joined([street[name] for street in streets]) for name in streets[0]}
+    samples = {name: joined([street[name] for street in streets]) for name in streets[0]}
     made = {
         "made_by": f"python -m lab calibration --seeds {seeds} --table DIR",
         "version": __version__,
         "street_seeds": [FIRST_SEED, FIRST_SEED + seeds - 1],
-        TABLES: {name: _table(found[name]) for name in MATCHINGS},
-        LIVE_ON_MAP: _table(found[LIVE_ON_MAP]),
+        TABLES: {name: _table(samples[name]) for name in MATCHINGS},
+        LIVE_ON_MAP: _table(samples[LIVE_ON_MAP]),
     }
     with replacing(folder / DEFAULT_TABLES) as temporary:
         temporary.write_text(json.dumps(made, allow_nan=False) + "\n", encoding="utf-8")
@@ -431,9 +431,9 @@ def evaluate_tables(
             settings = changed[0].reference.settings
             table, on_map = (default_confidence(settings.smooth, stays) for stays in (False, True))
             row = {"map": version, "matching": name, LEARNT_ON: learnt_on}
-            found = [sample(pair) for pair in changed]
-            stays = _if_on_map(figures_of_table(on_map, found)) if name == LIVE else {}
-            yield {**row, **figures_of_table(table, found), **stays}
+            samples = [sample(pair) for pair in changed]
+            stays = _if_on_map(figures_of_table(on_map, samples)) if name == LIVE else {}
+            yield {**row, **figures_of_table(table, samples), **stays}
             if version == WHOLE and name in switched_on:
                 row["map"] = SWITCHED_ON
                 stays = _if_on_map(first_confident(on_map, changed)) if name == LIVE else {}
@@ -447,10 +447,10 @@ def _if_on_map(measured: Row) -> Row:
     }
 
 
-def figures_of_table(table: Confidence, found: Sequence[Sample]) -> dict[str, float | int | None]:
+def figures_of_table(table: Confidence, samples: Sequence[Sample]) -> dict[str, float | int | None]:
     """Return what a table says of some drives, each in the order of time, and what is true."""
-    pooled = joined(found)
-    given = table.probability_of(pooled.trust)
+    pooled = joined(samples)
+    probability = table.probability_of(pooled.trust)
     least = table.least_trust(PRECISION)
     accepted = pooled.trust >= least
     counts = evaluate_rejection(pooled.trust, pooled.correct, pooled.has_place, accepted)
@@ -458,14 +458,14 @@ def figures_of_table(table: Confidence, found: Sequence[Sample]) -> dict[str, fl
     if pooled.changes.any():
         late = accepted & ~pooled.changes
         seen[PRECISION_SEEN] = float(pooled.correct[late].mean()) if late.any() else None
-    left = windows_past_the_edge(found, least)
+    left = windows_past_the_edge(samples, least)
     off_map = accepted[~pooled.has_place]
     return {
         "windows": pooled.trust.size,
         "correct": float(pooled.correct.mean()),
         "correct of those on the map": counts.right_on_map,
-        "mean probability": float(given.mean()),
-        "calibration error": reliability(given, pooled.correct).expected_calibration_error,
+        "mean probability": float(probability.mean()),
+        "calibration error": reliability(probability, pooled.correct).expected_calibration_error,
         "accepted at 0.99": float(accepted.mean()),
         "precision": counts.precision,
         **seen,
@@ -478,7 +478,7 @@ def figures_of_table(table: Confidence, found: Sequence[Sample]) -> dict[str, fl
     }
 
 
-def windows_past_the_edge(found: Sequence[Sample], least: int) -> list[int]:
+def windows_past_the_edge(samples: Sequence[Sample], least: int) -> list[int]:
     """Return how long matches are still accepted after a drive has left the map.
 
     Returns
@@ -488,7 +488,7 @@ def windows_past_the_edge(found: Sequence[Sample], least: int) -> list[int]:
         match.
     """
     lasted = []
-    for trust, _, has_place, _ in found:
+    for trust, _, has_place, _ in samples:
         accepted = trust >= least
         for j in np.flatnonzero(has_place[:-1] & ~has_place[1:] & accepted[:-1]) + 1:
             last = accepted[j:] & ~has_place[j:]
@@ -511,20 +511,20 @@ def first_confident(
             stop = min(start + GIVEN, windows)
             rest = replace(pair, counted=pair.counted.take(np.arange(start, stop)))
             matches = rest.match()
-            given = table.probability_of(matches.net_trust)
-            for least, found in waits.items():
-                confident = np.flatnonzero(given >= least)
+            probability = table.probability_of(matches.net_trust)
+            for least, reached in waits.items():
+                confident = np.flatnonzero(probability >= least)
                 if confident.size:
                     j = int(confident[0])
                     lasted = rest.counted.end_us[j] - rest.counted.start_us[0]
                     correct = bool(pair.truth.correct[matches.place[j], start + j])
-                    found.append((float(lasted) / 1e6, correct))
+                    reached.append((float(lasted) / 1e6, correct))
     row: dict[str, float | int | None] = {"starts": starts}
-    for least, found in waits.items():
-        times, rights = zip(*found, strict=True) if found else ((), ())
-        row[f"p >= {least} reached"] = len(found) / starts if starts else None
-        row[f"median time to {least} (s)"] = float(np.median(times)) if found else None
-        row[f"correct at {least}"] = float(np.mean(rights)) if found else None
+    for least, reached in waits.items():
+        times, rights = zip(*reached, strict=True) if reached else ((), ())
+        row[f"p >= {least} reached"] = len(reached) / starts if starts else None
+        row[f"median time to {least} (s)"] = float(np.median(times)) if reached else None
+        row[f"correct at {least}"] = float(np.mean(rights)) if reached else None
     return row
 
 
@@ -532,12 +532,12 @@ def unseen_street(seed: int) -> dict[str, list[MappedPair]]:
     """Open the versions of all drives of a street that no table was learnt from."""
     street_seed = FIRST_UNSEEN + seed
     rng = np.random.default_rng((_CUTS, street_seed))
-    found: dict[str, list[MappedPair]] = {}
+    versions_by_name: dict[str, list[MappedPair]] = {}
     for pair, elsewhere in driven(open_street(street_seed), drive_elsewhere(street_seed), PARTS):
         versions = versions_of(pair, elsewhere, rng, PARTS)
         for name, version in (versions | scrambled(versions[WHOLE], rng)).items():
-            found.setdefault(name, []).append(version)
-    return found
+            versions_by_name.setdefault(name, []).append(version)
+    return versions_by_name
 
 
 def measure(draw: Draw) -> Iterator[Row]:

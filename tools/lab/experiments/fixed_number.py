@@ -50,15 +50,15 @@ def extent(drive: EventSource) -> Extent:
 def street(seed: int) -> list[tuple[str, Pair]]:
     """Simulate a street of this seed, with a query at each speed."""
     still = replace(REFERENCE, speed_range=1.0)
-    found = []
+    pairs = []
     reference = None
     for speed in SPEEDS:
         other = replace(still, speed_mps=speed * still.speed_mps)
         first, query = simulate_pair(seed, length_m=LENGTH_M, reference=still, query=other)
         reference = first.keep() if reference is None else reference
         query.keep()
-        found.append((f"speed x {speed:g}", Pair.simulated(reference, query)))
-    return found
+        pairs.append((f"speed x {speed:g}", Pair.simulated(reference, query)))
+    return pairs
 
 
 def measure(draw: Draw) -> Iterator[Row]:

@@ -83,12 +83,12 @@ def framed_pairs(data: Path) -> list[Drives]:
     GroundTruthError
         If the GPS log of a published traverse is missing.
     """
-    folder, found = data / FRAMES, []
+    folder, pairs = data / FRAMES, []
     if folder.is_dir():
-        found.append(Drives("own frames", lambda seed: _read_own(folder)))
+        pairs.append(Drives("own frames", lambda seed: _read_own(folder)))
     for pair in published_pairs(data, ("bag",)):
-        found.append(Drives(pair.name, lambda seed, pair=pair: _read_published(pair)))  # type: ignore[misc]
-    return found
+        pairs.append(Drives(pair.name, lambda seed, pair=pair: _read_published(pair)))  # type: ignore[misc]
+    return pairs
 
 
 def _read_own(folder: Path) -> FramedPair:
@@ -129,13 +129,13 @@ def _grid(drive: FramedDrive) -> Times:
 def _own_drive(folder: Path, side: str) -> FramedDrive:
     tracks = [path for path in sorted(folder.glob(f"{side}_track.*")) if path.suffix in _TRACKS]
     drives = [path for path in sorted(folder.iterdir()) if path.name.split(".")[0] == side]
-    for what, found, example in (
+    for what, files, example in (
         ("drive", drives, f"{side}.bag, or a folder {side} of images"),
         ("track", tracks, f"{side}_track.csv"),
     ):
-        if len(found) != 1:
+        if len(files) != 1:
             raise UsageError(
-                f"{folder} has {len(found)} files of the {side} {what}, and one is needed: put "
+                f"{folder} has {len(files)} files of the {side} {what}, and one is needed: put "
                 f"there {example}"
             )
     frames = open_intensity(drives[0])
@@ -184,8 +184,8 @@ def compare_systems(pair: CountedPair, systems: Iterable[tuple[str, Baseline]]) 
     """Match a pair by sequences with every system that fits its sensor."""
     for name, system in systems:
         try:
-            found = compare(system, pair.reference.images, pair.query.images)
-            matches, matching_s = fastest(partial(pair.match, found.distances, pair.settings))
+            compared = compare(system, pair.reference.images, pair.query.images)
+            matches, matching_s = fastest(partial(pair.match, compared.distances, pair.settings))
         except UsageError:  # as of pixels whose surrounds do not fit the sensor
             continue
         evaluated = evaluate(matches, pair.truth())
@@ -193,9 +193,9 @@ def compare_systems(pair: CountedPair, systems: Iterable[tuple[str, Baseline]]) 
             "system": name,
             "P@100R": evaluated.precision_at_100_recall,
             "R@99P": evaluated.recall_at_99_precision,
-            "bytes per place": found.bytes_per_place,
-            "operations per query": found.operations,
-            "time per query (us)": found.query_us + 1e6 * matching_s / len(matches),
+            "bytes per place": compared.bytes_per_place,
+            "operations per query": compared.operations,
+            "time per query (us)": compared.query_us + 1e6 * matching_s / len(matches),
         }
 
 

@@ -64,14 +64,15 @@ def measure(draw: Draw) -> Iterator[Row]:
         for name, rate in product(names(), EVENTS_PER_S):
             target, mission = find(name), Mission(rate, pixels / (346 * 260), 1.0)
             of = on_target(design, mission, Limits(target))
-            found = of.cost.matches_per_joule
+            per_joule = of.cost.matches_per_joule
             # of the core itself, whose events may come faster than by its SPI line
-            if found is None or of.cost.load.high >= 1:
+            if per_joule is None or of.cost.load.high >= 1:
                 continue
             yield {
                 "system": f"place filter, {pixels} pixels", "device": target.name,
                 "includes": "what the work adds", "basis": "modelled", "events/s": rate,
-                "matches per joule": found.central, "low": found.low, "high": found.high,
+                "matches per joule": per_joule.central,
+                "low": per_joule.low, "high": per_joule.high,
                 "time (ms)": 1e3 * of.cost.load.central / mission.matches_per_s,
                 "memory (KiB)": of.memory.total / 1024,
                 "of it RAM (KiB)": sizes(design).state_bytes / 1024

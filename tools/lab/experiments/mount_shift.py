@@ -83,11 +83,11 @@ class ShiftedWindows:
 def shifted(image: npt.NDArray[np.integer], dx: int, dy: int) -> npt.NDArray[np.integer]:
     """Shift an image to the right and downwards; zeros fill the gap, and other pixels are lost."""
     height, width = image.shape
-    found = np.zeros_like(image)
-    found[max(dy, 0) : height + min(dy, 0), max(dx, 0) : width + min(dx, 0)] = image[
+    moved = np.zeros_like(image)
+    moved[max(dy, 0) : height + min(dy, 0), max(dx, 0) : width + min(dx, 0)] = image[
         max(-dy, 0) : height + min(-dy, 0), max(-dx, 0) : width + min(-dx, 0)
     ]
-    return found
+    return moved
 
 
 def measure(draw: Draw) -> Iterator[Row]:
@@ -111,8 +111,8 @@ def measure(draw: Draw) -> Iterator[Row]:
             row: dict[str, Any] = {"way": method.name, "shift": shift}
             query, used = ShiftedWindows(second, window_us, shift, shift), mapped
             if method.registered:
-                used, found = register(mapped, query)
-                row[OFF] = max(abs(found.dx - shift), abs(found.dy - shift))
+                used, estimated = register(mapped, query)
+                row[OFF] = max(abs(estimated.dx - shift), abs(estimated.dy - shift))
             matched = used.match(query)
             truth = pair.truth_of(used.places.centre_us, matched.query_time_us)
             yield {**row, "P@100R": matched.evaluate(truth).precision_at_100_recall}
@@ -124,12 +124,12 @@ OFF = "shift estimated wrongly by (pixels)"
 
 def drives(data: Path | None) -> list[Drives]:
     """Return the recorded pairs whose images can be shifted."""
-    found = recorded_drives(data, images=True)
-    if not found:
+    pairs = recorded_drives(data, images=True)
+    if not pairs:
         raise UsageError(
             f"no drive with counts at every pixel: {without_pairs(data, [INDOOR, WALKS])}"
         )
-    return found
+    return pairs
 
 
 EXPERIMENT = Experiment(

@@ -120,8 +120,8 @@ def measure(draw: Draw) -> Iterator[Row]:
                     if query.odometry is not None and route.odometry is not None:
                         along_mm = route.odometry.along(mapped.places.centre_us)
                         metred = replace(drive.reference, odometer_mm=along_mm)
-                        found = replace(drive, reference=metred).match(query.odometry)
-                        figures = _figures(drive, found, truths)
+                        metred_matches = replace(drive, reference=metred).match(query.odometry)
+                        figures = _figures(drive, metred_matches, truths)
                         yield {**named, "odometry": "wheels", "drive": name, **figures}
 
 
@@ -136,23 +136,23 @@ def _left_map(drive: MappedPair, number: int) -> dict[str, MappedPair]:
 NULLS = ("null: windows shuffled", "null: query reversed")
 
 
-def _figures(drive: MappedPair, found: Matches, truths: Sequence[GroundTruth]) -> Row:
+def _figures(drive: MappedPair, matches: Matches, truths: Sequence[GroundTruth]) -> Row:
     """Return the figures of a drive; those of probabilities, and "wide", are by the last truth."""
-    reference, known = drive.reference, truths[-1].known
-    wide = truths[-1].correct[found.place, found.query]
+    reference, judged = drive.reference, truths[-1].known
+    wide = truths[-1].correct[matches.place, matches.query]
     confidence = reference.acceptance.confidence
     assert confidence is not None
-    accepted = known & (found.net_trust >= confidence.least_trust(PRECISION))
+    accepted = judged & (matches.net_trust >= confidence.least_trust(PRECISION))
     place_bytes = reference.packed_bytes_per_place
-    error = reliability(found.probability[known], wide[known]).expected_calibration_error
+    error = reliability(matches.probability[judged], wide[judged]).expected_calibration_error
     row = {
         "P@100R": None,
-        "P@100R (wide)": float(wide[known].mean()),
+        "P@100R (wide)": float(wide[judged].mean()),
         "R@99P (wide)": None,
-        "mean probability": float(found.probability[known].mean()),
+        "mean probability": float(matches.probability[judged].mean()),
         "calibration error": error,
-        "windows": int(known.sum()),
-        "share accepted at 0.99": float(accepted.sum() / max(known.sum(), 1)),
+        "windows": int(judged.sum()),
+        "share accepted at 0.99": float(accepted.sum() / max(judged.sum(), 1)),
         "accepted at 0.99": int(accepted.sum()),
         "accepted and correct": int((accepted & wide).sum()),
         "places": len(reference),
@@ -161,7 +161,7 @@ def _figures(drive: MappedPair, found: Matches, truths: Sequence[GroundTruth]) -
         "differences per window": reference.places.counts.size,
     }
     if len(truths) > 1:  # of a whole drive
-        near, far = (evaluate(found, truth) for truth in truths)
+        near, far = (evaluate(matches, truth) for truth in truths)
         row["P@100R"] = near.precision_at_100_recall
         row["R@99P (wide)"] = far.recall_at_99_precision
     return row
@@ -169,11 +169,11 @@ def _figures(drive: MappedPair, found: Matches, truths: Sequence[GroundTruth]) -
 
 def drives(data: Path | None) -> list[Drives]:
     """Return streets, and the walks of a folder."""
-    found = [Drives(f"streets of {LENGTH_M:g} m", open_street, varied=True)]
+    routes = [Drives(f"streets of {LENGTH_M:g} m", open_street, varied=True)]
     if data is not None and (data / WALKS).is_dir():
         recorded = walks(data)
-        found.append(replace(recorded, open=lambda seed: route_of(recorded.open(seed))))
-    return found
+        routes.append(replace(recorded, open=lambda seed: route_of(recorded.open(seed))))
+    return routes
 
 
 EXPERIMENT = Experiment(

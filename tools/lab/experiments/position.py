@@ -61,12 +61,12 @@ def open_street(seed: int) -> list[Driven]:
     """Simulate the drives of one street."""
     reference, query = simulate_pair(FIRST_SEED + seed, length_m=LENGTH_M)
     first = reference.keep()
-    found = []
+    driven_in = []
     for light, name in LIGHTS.items():
         driven = second_drive(query, STREETS[name])
         tracks = Tracks(first.track, driven.track)
-        found.append(Driven(light, first, driven, tracks, "variance", PIXELS))
-    return found
+        driven_in.append(Driven(light, first, driven, tracks, "variance", PIXELS))
+    return driven_in
 
 
 def of_pair(pair: Pair) -> list[Driven]:
@@ -104,35 +104,35 @@ def live_matches(mapped: ReferenceMap, drive: EventSource | WindowSource) -> Liv
         end_us = matches.time_us + window // 2
         return Live(end_us - window, end_us, matches.place, ~matches.lost)
     localiser = mapped.localiser(EVERY)
-    found = np.concatenate([localiser.update(events) for events in cleaned(drive, mapped.settings)])
+    rows = np.concatenate([localiser.update(events) for events in cleaned(drive, mapped.settings)])
     start_us, end_us, place = (
-        found[name].astype(np.int64) for name in ("start_us", "time_us", "place")
+        rows[name].astype(np.int64) for name in ("start_us", "time_us", "place")
     )
-    return Live(start_us, end_us, place, ~found["lost"].astype(np.bool_))
+    return Live(start_us, end_us, place, ~rows["lost"].astype(np.bool_))
 
 
 def positions_of(mapped: ReferenceMap, driven: Driven) -> dict[str, Row]:
     """Return the errors of positions by name, of the accepted matches."""
-    found, track = live_matches(mapped, driven.drive), driven.tracks.query
+    live, track = live_matches(mapped, driven.drive), driven.tracks.query
     path, locator = PathPosition(mapped.settings), Locator(mapped)
-    at: dict[str, list[float]] = {OF_PLACE: found.place.astype(np.float64).tolist(), REPORTED: []}
+    at: dict[str, list[float]] = {OF_PLACE: live.place.astype(np.float64).tolist(), REPORTED: []}
     jumps = []
-    windows = zip(found.end_us.tolist(), (found.end_us - found.start_us).tolist(), strict=True)
-    for (end_us, window_us), place in zip(windows, found.place.tolist(), strict=True):
+    windows = zip(live.end_us.tolist(), (live.end_us - live.start_us).tolist(), strict=True)
+    for (end_us, window_us), place in zip(windows, live.place.tolist(), strict=True):
         at[REPORTED].append(path.update(end_us, window_us, place))
         jumps.append(path.jumps)
-    true = track.at(found.end_us)
-    known = found.accepted & np.isfinite(true).all(axis=1)
-    follows = known[1:] & known[:-1] & (np.diff(jumps) == 0)
-    km = _length_m(track, true[known]) / 1e3
+    true = track.at(live.end_us)
+    judged = live.accepted & np.isfinite(true).all(axis=1)
+    follows = judged[1:] & judged[:-1] & (np.diff(jumps) == 0)
+    km = _length_m(track, true[judged]) / 1e3
     rows: dict[str, Row] = {}
     for name, places in at.items():
         located = np.array([_coordinates(locator.locate(one), track) for one in places])
-        error = distances(track.kind, located, true)[known]
+        error = distances(track.kind, located, true)[judged]
         back = int((follows & (np.diff(places) <= -1)).sum())
         rows[name] = {
-            "matches": found.accepted.size,
-            "accepted at 0.99": float(found.accepted.mean()),
+            "matches": live.accepted.size,
+            "accepted at 0.99": float(live.accepted.mean()),
             "median error (m)": float(np.nanmedian(error)) if error.size else None,
             "95 % of the errors (m)": float(np.nanquantile(error, 0.95)) if error.size else None,
             "steps back": back,
@@ -156,11 +156,11 @@ def _length_m(track: Track, positions: npt.NDArray[np.float64]) -> float:
 
 def drives(data: Path | None) -> list[Drives]:
     """Return streets, and the recorded drives of a folder whose tracks are known."""
-    found = [Drives(f"streets of {LENGTH_M:g} m", open_street, varied=True)]
+    declared = [Drives(f"streets of {LENGTH_M:g} m", open_street, varied=True)]
     for each in recorded(data) if data is not None else []:
         if each.name.startswith("Brisbane"):
-            found.append(Drives(each.name, partial(_opened, each), drawn=each.drawn))
-    return found
+            declared.append(Drives(each.name, partial(_opened, each), drawn=each.drawn))
+    return declared
 
 
 def _opened(each: Drives, seed: int) -> list[Driven]:

@@ -63,18 +63,18 @@ class Decoder(NamedTuple):
 
 def decoders(length: int) -> dict[str, Decoder]:
     """Return the decoders by name."""
-    found = {}
+    by_name = {}
     for windows in sorted({length, *LENGTHS}):
         sequences = PRESETS["paper"].replaced({"sequence_length": windows}, "rivals")
         lag = windows - 1 - middle_window(windows)
         name = "single windows" if windows == 1 else f"sequences of {windows}"
-        found[name] = Decoder(sequences, lag)
+        by_name[name] = Decoder(sequences, lag)
     for name, changes, filter_lag in (
         ("place filter, live", {"smooth": False}, 0),
         ("place filter, recorded", {}, None),
     ):
-        found[name] = Decoder(_DEFAULT.replaced(changes, name), filter_lag)
-    return found
+        by_name[name] = Decoder(_DEFAULT.replaced(changes, name), filter_lag)
+    return by_name
 
 
 # What is matched: the default, a rival, or nothing.
@@ -138,14 +138,14 @@ def rivals_of(draw: Draw) -> Iterator[System]:
     for rival in _baselines(pair, draw):
         images = (one.on_sensor if rival.of_images else one.images for one in drives)
         try:
-            found = compare(rival.baseline, *images)
+            compared = compare(rival.baseline, *images)
         except UsageError as error:  # as where the surrounds of the pixels do not fit the sensor
             if rival.asked:
                 warning(f"{rival.title} is left out of {pair.name}: {error}")
             continue
         yield System(
-            rival.title, BY_AUTHORS, partial(pair.match, found.distances), found.bytes_per_place,
-            found.operations, found.query_us,
+            rival.title, BY_AUTHORS, partial(pair.match, compared.distances),
+            compared.bytes_per_place, compared.operations, compared.query_us,
         )  # fmt: skip
 
 
@@ -173,8 +173,8 @@ def _baselines(pair: CountedPair, draw: Draw) -> Iterator[_Rival]:
     if not draw.is_new:
         return
     if not pair.laid_out:
-        given = {"pixels": pair.pixels, "strategy": "top"}
-        settings = PRESETS["seed-code"].replaced(given, "released code")
+        changes = {"pixels": pair.pixels, "strategy": "top"}
+        settings = PRESETS["seed-code"].replaced(changes, "released code")
         title = "seed-code: the given pixels, clipped at 10, SAD"
         yield _Rival(title, SelectedPixels(title, settings))
     for path in pair.weights:
@@ -289,8 +289,8 @@ def first_correct(
         if not correct.size:
             waits.append(np.inf)
             continue
-        given = min(int(at[correct[0]]) + decoder.lag, len(centre_us) - 1)
-        waits.append((centre_us[given] - centre_us[first] + window_us) / 1e6)
+        last = min(int(at[correct[0]]) + decoder.lag, len(centre_us) - 1)
+        waits.append((centre_us[last] - centre_us[first] + window_us) / 1e6)
     median = float(np.median(waits)) if waits else np.inf
     return {
         "first right match (s)": median if np.isfinite(median) else None,

@@ -32,9 +32,9 @@ Change = Callable[[Counts, Counts, np.random.Generator], Counts]
 
 def _hot(pixels: int) -> Change:
     def change(counts: Counts, rows: Counts, rng: np.random.Generator) -> Counts:
-        found, hot = counts.copy(), rng.choice(counts.shape[1], pixels, replace=False)
-        found[:, hot] += rng.poisson(200, (len(counts), pixels))
-        return found
+        changed, hot = counts.copy(), rng.choice(counts.shape[1], pixels, replace=False)
+        changed[:, hot] += rng.poisson(200, (len(counts), pixels))
+        return changed
 
     return change
 
@@ -53,9 +53,9 @@ def _lost(counts: Counts, rows: Counts, rng: np.random.Generator) -> Counts:
 
 
 def _dead(counts: Counts, rows: Counts, rng: np.random.Generator) -> Counts:
-    found = counts.copy()
-    found[:, rng.choice(counts.shape[1], counts.shape[1] * 3 // 10, replace=False)] = 0
-    return found
+    changed = counts.copy()
+    changed[:, rng.choice(counts.shape[1], counts.shape[1] * 3 // 10, replace=False)] = 0
+    return changed
 
 
 FAULTS: Mapping[str, Change] = {

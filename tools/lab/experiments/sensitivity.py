@@ -125,18 +125,18 @@ def _correct(pair: MappedPair, constants: Constants) -> float:
 def left_out(rows: Rows) -> list[Row]:
     """Evaluate on each pair the setting that is best on the others, live, beside the default."""
     live = [row for row in rows if row["matching"] == "live"]
-    found: dict[Setting, dict[str, list[float]]] = {}
+    correct: dict[Setting, dict[str, list[float]]] = {}
     for row in live:
-        of = found.setdefault((row[CONSTANT], row[TIMES]), {})
+        of = correct.setdefault((row[CONSTANT], row[TIMES]), {})
         of.setdefault(_group(row[DRIVES]), []).append(row["P@100R"])
     # the default first, so that it is chosen where it is as good as any
-    settings = sorted(found, key=lambda each: each[1] != 1)
+    settings = sorted(correct, key=lambda each: each[1] != 1)
     groups = dict.fromkeys(_group(row[DRIVES]) for row in live)
     chosen_rows: list[Row] = []
     for group in groups if len(groups) > 1 else ():
         others = [each for each in groups if each != group]
         on_others = {
-            setting: np.mean([np.mean(found[setting][each]) for each in others])
+            setting: np.mean([np.mean(correct[setting][each]) for each in others])
             for setting in settings
         }
         best = max(settings, key=on_others.__getitem__)

@@ -108,12 +108,12 @@ def open_brisbane(data: Path, seed: int) -> Drive:
 
 def drives(data: Path | None) -> list[Drives]:
     """Return the streets, and the drives of Brisbane if they are in a folder."""
-    found = [Drives(f"streets of {LENGTH_M:g} m", open_street, varied=True)]
+    routes = [Drives(f"streets of {LENGTH_M:g} m", open_street, varied=True)]
     folders = [data / name for name in (BRISBANE, DAYTIME)] if data is not None else []
     if data is not None and all(folder.is_dir() for folder in folders):
         opened = partial(open_brisbane, data)
-        found.append(Drives("Brisbane, 49 px", opened, drawn=False))
-    return found
+        routes.append(Drives("Brisbane, 49 px", opened, drawn=False))
+    return routes
 
 
 def measure(draw: Draw) -> Iterator[Row]:

@@ -78,11 +78,11 @@ def in_zone(truth: GroundTruth, places: int) -> GroundTruth:
         Correct are the place that is nearest to the true position, those that are as near or within
         5 m of it, and so many places before and after each of these.
     """
-    known = truth.positions
-    assert known is not None, "pairs of drives have tracks or an alignment"
-    apart = distances(known.kind, known.place[:, None], known.query[None])
+    positions = truth.positions
+    assert positions is not None, "pairs of drives have tracks or an alignment"
+    apart = distances(positions.kind, positions.place[:, None], positions.query[None])
     apart = np.where(np.isnan(apart), np.inf, apart)
-    same = _SAME_M if known.unit == "m" else 0.0
+    same = _SAME_M if positions.unit == "m" else 0.0
     true = np.isfinite(apart) & (apart <= np.maximum(apart.min(axis=0), same))
     correct = true.copy()
     for step in range(1, places + 1):
@@ -119,8 +119,8 @@ def measure(draw: Draw) -> Iterator[Row]:
         }
     if pair.tracks is not None:
         for name in EVALUATED:
-            found = interval(pair.tracks, mapped.with_settings(MATCHINGS[name]))
-            others[WHOLE, name] |= found
+            intervals = interval(pair.tracks, mapped.with_settings(MATCHINGS[name]))
+            others[WHOLE, name] |= intervals
     yield from with_a_drive_of_ones_own(mapped)
     for row in evaluate_tables(versions, EVALUATED, (LIVE,)):
         yield {**row, **others.get((row["map"], row["matching"]), {})}
@@ -200,12 +200,12 @@ def interval(tracks: Tracks, mapped: MappedPair) -> dict[str, float]:
     route = with_positions(mapped.reference, tracks.reference).route
     assert route is not None
     matches = mapped.match()
-    known = mapped.truth.known[matches.query]
+    judged = mapped.truth.known[matches.query]
     gaps = distances(
-        tracks.query.kind, tracks.query.at(matches.time_us)[known, None], route.position[None]
+        tracks.query.kind, tracks.query.at(matches.time_us)[judged, None], route.position[None]
     )
     true_m = route.along_m[np.nanargmin(gaps, axis=1)]  # the nearest place of the map
-    located = route.locate(matches.place[known], matches.settings.exclusion_places)
+    located = route.locate(matches.place[judged], matches.settings.exclusion_places)
     inside = (located.from_m <= true_m) & (true_m <= located.to_m)
     return {
         "positions in their interval": float(inside.mean()),
