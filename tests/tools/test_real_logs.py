@@ -344,6 +344,18 @@ def test_a_log_that_was_appended_to_is_refused_or_shows_its_gap(drives, judge):
     assert re.search(r"query track: .* longest gap 28,7\d\d s", facts)
 
 
+def test_a_gpx_begins_with_its_first_time_even_without_a_fix(drives, judge):
+    texts = [
+        gpx([(t, x) for t, x in rows]).replace(
+            "</time></trkpt>", "</time><fix>none</fix></trkpt>", 12
+        )
+        for rows in drives[1]
+    ]
+    correct, queries, facts = judge(texts, "gpx")
+    assert correct == queries >= 40
+    assert facts.count("12 with no fix") == facts.count(" m from 12.0 to ") == 2
+
+
 def test_segments_of_a_gpx_that_repeat_points_are_one_track(drives, judge):
     texts = [
         gpx([row for end in range(10, len(rows) + 10, 10) for row in rows[:end]])
