@@ -6,7 +6,7 @@ import datetime as dt
 import re
 from collections import Counter
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -22,6 +22,7 @@ _TIME = re.compile(r"(\d\d)(\d\d)(\d\d)(?:\.(\d{1,6})\d*)?")
 _ANGLE = re.compile(r"(\d{1,3})(\d\d(?:\.\d*)?)")
 #: Modes of RMC and qualities of GGA of positions that were estimated, entered or simulated.
 _NOT_MEASURED = ("E", "M", "S", "6", "7", "8")
+_ESTIMATED = "an estimated fix"
 
 
 def is_nmea(text: str) -> bool:
@@ -34,8 +35,8 @@ def read_nmea(text: str) -> Fixes:
 
     Time 0 is the first of them with a time, with or without a fix. A time of day that is more than
     12 hours before the last one is of the next day. Left out and counted are sentences with a wrong
-    checksum, or without one if others have one; without a fix; and with a position that the
-    receiver itself calls estimated.
+    checksum, or without one if others have one; without a fix; and of an instant of which a
+    sentence calls the position estimated.
 
     Raises
     ------
@@ -49,6 +50,13 @@ def read_nmea(text: str) -> Fixes:
         unchecked = sum(not sentence.checked for sentence in sentences)
         dropped["no checksum"] += unchecked
         sentences = [sentence for sentence in sentences if sentence.checked]
+    estimated = {each.time_of_day_us for each in sentences if each.lacks == _ESTIMATED}
+    sentences = [
+        replace(each, position=None, lacks=_ESTIMATED)
+        if each.position and each.time_of_day_us in estimated
+        else each
+        for each in sentences
+    ]
     for kind in ("RMC", "GGA"):
         of_kind = [sentence for sentence in sentences if sentence.type == kind]
         if any(sentence.position for sentence in of_kind):
@@ -150,7 +158,7 @@ def _parsed(kind: str, fields: list[str], checked: bool) -> _Sentence:
         valid, first = fields[6] not in ("", "0"), 2
         how = fields[6]
     if how in _NOT_MEASURED:
-        return _Sentence(kind, checked, time, ordinal, None, "an estimated fix")
+        return _Sentence(kind, checked, time, ordinal, None, _ESTIMATED)
     if time is None or not valid:
         return _Sentence(kind, checked, time, ordinal, None, "no fix")
     latitude = _degrees(fields[first], fields[first + 1], "NS", 90.0)

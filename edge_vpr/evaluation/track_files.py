@@ -138,9 +138,12 @@ def _utc(text: str) -> dt.datetime | None:
 
 
 def _of_dates(
-    times: list[dt.datetime], position: Floats, dropped: Counter[str], entries: int
+    start: dt.datetime,
+    times: list[dt.datetime],
+    position: Floats,
+    dropped: Counter[str],
+    entries: int,
 ) -> Fixes:
-    start = times[0]
     time_us = np.array([(time - start) // _MICROSECOND for time in times], dtype=np.int64)
     return Fixes(time_us, position, "geographic", start, dropped, entries)
 
@@ -149,12 +152,13 @@ def _gpx(text: str) -> Fixes:
     """Read the track points of a GPX file (1.0 or 1.1, all segments in a row), else waypoints."""
     dropped: Counter[str] = Counter()
     times, positions = [], []
-    entries, unread = 0, ""
+    entries, unread, start = 0, "", None
     for point in _points(text):
         entries += 1
         parts = {_name(child): (child.text or "").strip() for child in point}
         written = parts.get("time", "")
         time, position = _utc(written), _position(point)
+        start = start or time
         if parts.get("fix") == "none":
             dropped["no fix"] += 1
         elif time is None:
@@ -165,7 +169,7 @@ def _gpx(text: str) -> Fixes:
         else:
             times.append(time)
             positions.append(position)
-    if not times:
+    if not times or start is None:
         counts = ", ".join(f"{count} with {why}" for why, count in dropped.items())
         remedy = "export the recorded track, not a planned route"
         if unread:
@@ -175,7 +179,7 @@ def _gpx(text: str) -> Fixes:
         raise GroundTruthError(
             f"no track point with a time and a position ({counts or 'no point at all'}): {remedy}"
         )
-    return _of_dates(times, np.array(positions), dropped, entries)
+    return _of_dates(start, times, np.array(positions), dropped, entries)
 
 
 def _points(text: str) -> list[ElementTree.Element]:
@@ -288,7 +292,7 @@ def _named_columns(path: Path, header: tuple[str, ...], rows: list[list[str]]) -
             wrong = written[dates.index(None)]
             raise GroundTruthError(f"{path} has the time {wrong!r}: write all of them alike")
         stated = [date for date in dates if date is not None]
-        return _of_dates(stated, position, dropped, len(rows))._replace(kind=kind)
+        return _of_dates(stated[0], stated, position, dropped, len(rows))._replace(kind=kind)
     kept = [row for row, is_timed in zip(rows, timed.tolist(), strict=True) if is_timed]
     match = _TIME_COLUMN.fullmatch(header[times[0]])
     assert match is not None

@@ -289,7 +289,8 @@ def positions_at(track: Track, times_us: npt.NDArray[Any], which: str, start_us:
         gap_s = float(np.diff(track.time_us).max(initial=0)) / 1e6
         remedy = (
             f"its points are up to {gap_s:g} s apart, and positions are unknown where they are more"
-            f" than {track.max_gap_us / 1e6:g} s apart: give max_gap_s= to interpolate them"
+            f" than {track.max_gap_us / 1e6:g} s apart: name the unit of its times in the header, "
+            "or give max_gap_s= to interpolate"
         )
     else:
         on_clock = 0 < first <= start_us <= last

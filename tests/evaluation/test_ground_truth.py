@@ -400,7 +400,7 @@ def test_tracks_that_cannot_be_compared_or_never_meet_are_refused():
         from_tracks(here, far, centres(3), centres(3), 1.0)
     with pytest.raises(
         GroundTruthError,
-        match=r"reference track covers 0 to 9 s in 2 points .* 9 s apart.*: give max_gap_s=",
+        match=r"reference track covers 0 to 9 s in 2 points .* 9 s apart.*, or give max_gap_s=",
     ):
         from_tracks(sparse, here, centres(3), centres(3), 1.0)
     with pytest.raises(

@@ -110,7 +110,7 @@ def write_originals(folder: Path) -> dict[str, list[Path]]:
     sentences = [rmc.replace("120000", f"12000{i}") for i in range(5)]
     new("track", ".nmea").write_text("".join(f"${s}*{checksum(s):02X}\r\n" for s in sentences))
     points = "".join(
-        f'<trkpt lat="-27.50{i}" lon="152.9"><time>2024-01-01T12:00:0{i}Z</time></trkpt>'
+        f'<trkpt lat="-27.500{i}" lon="152.9"><time>2024-01-01T12:00:0{i}Z</time></trkpt>'
         for i in range(5)
     )
     new("track", ".gpx").write_text(f"<?xml version='1.0'?><gpx><trk>{points}</trk></gpx>")

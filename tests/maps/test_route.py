@@ -46,7 +46,7 @@ def test_a_place_is_where_the_drive_was_in_the_middle_of_its_window(tmp_path):
 
 
 def test_a_track_of_another_drive_is_refused():
-    with pytest.raises(GroundTruthError, match="covers no place of the map"):
+    with pytest.raises(GroundTruthError, match=r"covers 9 to 12 s .* and no window of"):
         with_positions(a_map(3), Track([9_000_000, 12_000_000], [[0.0], [1.0]]))
 
 

@@ -189,7 +189,9 @@ def test_the_longest_gap_can_be_set(drives, judge):
 def test_a_sparse_log_is_refused_until_its_gaps_may_be_bridged(drives, judge, gap):
     logs = [[row for row in rows if row[0] % gap == 0 or row is rows[-1]] for rows in drives[1]]
     texts = [gpx(rows) for rows in logs]
-    with pytest.raises(EdgeVprError, match=f"points are up to {gap} s apart.*: give max_gap_s="):
+    with pytest.raises(
+        EdgeVprError, match=f"points are up to {gap} s apart.*header, or give max_gap_s"
+    ):
         judge(texts, "gpx", tolerance=30.0)
     correct, queries, _ = judge(texts, "gpx", tolerance=30.0, longest_gap_s=float(gap))
     assert correct == queries >= 55
@@ -233,10 +235,16 @@ def test_fixes_that_the_receiver_calls_estimated_are_left_out_and_counted(drives
         for t, x in rows
     )
     estimated = nmea(rows[:13]) + nmea([(t, x + 50) for t, x in rows[13:35]], mode="E")
+    rmc_is_sure = "".join(
+        nmea([(t, x + 50 * (13 <= t < 35))], mode="")
+        + nmea([(t, x + 50 * (13 <= t < 35))], kind="GGA", quality=6 if 13 <= t < 35 else 1)
+        for t, x in rows
+    )
     only_gga = "".join(sentence for sentence in text.splitlines(True) if "GGA" in sentence)
     for log, why in (
         (text, "22 with no fix"),
         (estimated + nmea(rows[35:]), "22 with an estimated fix"),
+        (rmc_is_sure, "22 with an estimated fix"),
         (only_gga, "22 with an estimated fix"),
     ):
         correct, queries, facts = judge([log, nmea(drives[1][1])], "nmea")
@@ -334,6 +342,18 @@ def test_a_log_that_was_appended_to_is_refused_or_shows_its_gap(drives, judge):
     correct, queries, facts = judge([nmea(reference), appended(8)], "nmea")
     assert correct < queries
     assert re.search(r"query track: .* longest gap 28,7\d\d s", facts)
+
+
+def test_a_gpx_begins_with_its_first_time_even_without_a_fix(drives, judge):
+    texts = [
+        gpx([(t, x) for t, x in rows]).replace(
+            "</time></trkpt>", "</time><fix>none</fix></trkpt>", 12
+        )
+        for rows in drives[1]
+    ]
+    correct, queries, facts = judge(texts, "gpx")
+    assert correct == queries >= 40
+    assert facts.count("12 with no fix") == facts.count(" m from 12.0 to ") == 2
 
 
 def test_segments_of_a_gpx_that_repeat_points_are_one_track(drives, judge):
