@@ -32,11 +32,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     ):  # fmt: skip
         group.add_argument(
             f"--{quantity}", metavar="NAME[:UNIT]",
-            help=f"column of {quantity} ({units}; default: the only one of such a unit)",
+            help=f"column of {quantity}: {units} (default: the only one of such a unit)",
         )  # fmt: skip
     group.add_argument(
         "--voltage", metavar="V",
-        help="supply in volts, or its column as NAME[:UNIT] (v, mv or uv)",
+        help="supply in volts, or its column as NAME[:UNIT]: v, mv or uv (default: the only one of "
+        "such a unit)",
     )  # fmt: skip
     group.add_argument(
         "--first-load", metavar="TIME",
