@@ -1,6 +1,6 @@
 """Parts by name, which are imported when first used: of this package, and of other packages.
 
-docs/plugins.md has an example of each group of entry points.
+docs/recipes.md has an example of each group of entry points.
 """
 
 from __future__ import annotations

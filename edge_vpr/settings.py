@@ -40,7 +40,7 @@ if TYPE_CHECKING:
 
 Strategy = Literal["variance", "seed-code", "random", "random-upper", "top", "information"]
 STRATEGIES: tuple[str, ...] = get_args(Strategy)
-#: before the name of a strategy that another package registers; see docs/plugins.md
+#: before the name of a strategy that another package registers; see docs/recipes.md
 PLUGIN = "plugin:"
 #: Text that names a part, where a type checker would refuse it as misspelt: the part is of another
 #: package (``PartName("plugin:grid")``), or has options (``PartName("edvs:format=E3")``). Python
@@ -325,7 +325,7 @@ _PIXELS = _group(
         "mean of their counts (the released code). random: all equally likely. random-upper: "
         "random, from the upper two thirds of the image. top: the highest variances. information: "
         "one by one, each the pixel that adds most about the place. plugin:NAME: see "
-        "docs/plugins.md.",
+        "docs/recipes.md.",
     ),
     sigma=SettingField(
         help="width (sigma, in pixels) of the Gaussian that keeps selected pixels apart",

@@ -57,7 +57,7 @@ def with_python() -> list[str]:
 
 def names_for(page: str) -> dict[str, Any]:
     """Give what the page's reader has already."""
-    if page == "docs/datasets.md":
+    if page == "docs/laboratory.md":
         return {"x": np.arange(5), "y": np.arange(5)}
     if page == "docs/firmware.md":
         pytest.importorskip("ziglang", reason="Zig's C compiler is an extra")

@@ -1,4 +1,4 @@
-"""Parts of other packages: the examples of docs/plugins.md, and packages that fail."""
+"""Parts of other packages: the examples of docs/recipes.md, and packages that fail."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.settings import Settings
 from tests.streams import Drive, random_events
 
-PAGE = (Path(__file__).parents[2] / "docs" / "plugins.md").read_text()
+_, PAGE = (Path(__file__).parents[2] / "docs/recipes.md").read_text().split("## Add your own parts")
 SENSOR = Sensor(24, 20)
 GROUPS = {
     "edge_vpr.formats": "broken = my_broken",
@@ -47,9 +47,9 @@ def install(folder, monkeypatch, entries, **modules):
 
 @pytest.fixture
 def as_the_page_says(tmp_path_factory, monkeypatch):
-    """The package of docs/plugins.md, word for word."""
+    """The package of docs/recipes.md, word for word."""
     (toml,) = re.findall(r"```toml\n(.*?)```", PAGE, re.DOTALL)
-    strategy, baseline, pairs, protocol = re.findall(r"```python\n(.*?)```", PAGE, re.DOTALL)
+    strategy, baseline, pairs, protocol = re.findall(r"```python[^\n]*\n(.*?)```", PAGE, re.DOTALL)
     declared = tomllib.loads(toml)["project"]["entry-points"]
     entries = {
         group: "\n".join(f"{name} = {value}" for name, value in names.items())

@@ -362,7 +362,7 @@ def test_a_worker_of_a_cluster_may_die_and_a_job_may_fail(scheduler):
 
 def test_the_page_starts_no_cluster_that_listens_to_strangers():
     """Dask runs what it is sent; by default it listens on all networks."""
-    page = (Path(__file__).parents[2] / "docs/sweep.md").read_text()
+    page = (Path(__file__).parents[2] / "docs/laboratory.md").read_text()
     commands = re.findall(r"^.*\bdask (scheduler|worker) (.*)$", page, re.MULTILINE)
     assert len(commands) == 4
     for program, words in commands:

@@ -80,8 +80,8 @@ def cluster(scheduler: str) -> Iterator[Executor]:
         client = distributed.Client(scheduler, timeout=_TIMEOUT_S, set_as_default=False)
     except (OSError, ValueError) as error:
         raise UsageError(
-            f"no Dask scheduler answers at {scheduler} ({error}): start it as docs/sweep.md shows, "
-            "and name its address, such as tcp://10.0.0.1:8786"
+            f"no Dask scheduler answers at {scheduler} ({error}): start it as docs/laboratory.md "
+            "shows, and name its address, such as tcp://10.0.0.1:8786"
         ) from error
     try:
         yield client.get_executor(pure=False)

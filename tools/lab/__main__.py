@@ -42,7 +42,7 @@ def parser() -> argparse.ArgumentParser:
         "--data",
         metavar="DIR",
         help="folder of recorded drives: Brisbane-Event-VPR or QCR-Event-VPR under their published "
-        "names, or others (docs/datasets.md)",
+        "names, or others (docs/laboratory.md)",
     )
     made.add_argument(
         "--dry-run", action="store_true",

@@ -116,7 +116,8 @@ STAGES = {
     ),
     "simulate": Stage(
         "Simulated streets",
-        "An event camera that drives along a street; [what it sees](../simulator.md).",
+        "An event camera that drives along a street; [what it "
+        "sees](../recipes.md#the-simulated-street).",
         packages=("edge_vpr.simulation",),
     ),
     "baselines": Stage(

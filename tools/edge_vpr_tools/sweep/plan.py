@@ -15,7 +15,7 @@ from edge_vpr.results import RecordError, from_json
 from edge_vpr.settings import SETTING_FIELDS, Settings, resolve_settings
 from edge_vpr_tools.sweep.trial import Measured, PairOfDrives, trial
 
-_REMEDY = "write it as docs/sweep.md shows"
+_REMEDY = "write it as docs/laboratory.md shows"
 _TABLES = ("seeds", "settings", "grid", "variants", "drives")
 _MOST_TRIALS = 100_000
 

@@ -1,4 +1,4 @@
-"""The baseline `edge_vpr` of Event-LAB, to be copied into its ``baselines/`` (docs/event_lab.md).
+"""The baseline `edge_vpr` of Event-LAB, to be copied into its ``baselines/`` (docs/laboratory.md).
 
 Event-LAB calls `format_data`, `build_execute`, `run`, `parse_results` and `cleanup` in this order.
 It pins NumPy 1, and edge-vpr needs NumPy 2: edge-vpr runs in a process of its own environment.
