@@ -16,6 +16,8 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
+from edge_vpr.events import join_events
+
 sys.path.insert(0, str(Path(__file__).parents[1]))
 from devices import DEVICES
 from streams import balanced
@@ -113,7 +115,7 @@ def join(parts: list[Sent]) -> Sent:
         np.concatenate([getattr(part, name) + a for part, a in zip(parts, at, strict=True)])
         for name in ("begin", "end", "since")
     )
-    events = np.concatenate([part.events for part in parts])
+    events = join_events([part.events for part in parts])
     data = b"".join(part.data for part in parts)
     return Sent(events, data, begin, end, since, parts[0].timed)
 
