@@ -28,8 +28,10 @@ from .evaluation.track_files import AnyTrack as AnyTrack
 from .evaluation.track_files import load_track as load_track
 from .evaluation.tracks import Track as Track
 from .events import EVENT_DTYPE as EVENT_DTYPE
+from .events import Events as Events
 from .events import Sensor as Sensor
 from .events import crop as crop
+from .events import join_events as join_events
 from .events import make_events as make_events
 from .live.match import LiveMatch as LiveMatch
 from .live.session import LiveSession as LiveSession

@@ -1,24 +1,118 @@
-"""The event array, its sensor, and the checks of events that come from outside."""
+"""Events, their sensor, and the checks of events that come from outside."""
 
 from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Iterator, Sequence
-from typing import Any, NamedTuple, TypeAlias
+from typing import Any, NamedTuple, TypeAlias, overload
 
 import numpy as np
 import numpy.typing as npt
 
 from edge_vpr.errors import EventError, UsageError, expect, kind_of
 
-#: One event: time in microseconds from the recording's start, column, row, polarity (True = ON).
-#: The field names are those of tonic, so that its transforms accept these arrays.
+#: An event as a record, for files and for tonic, whose transforms accept arrays of this type.
 EVENT_DTYPE = np.dtype([("t", "<i8"), ("x", "<u2"), ("y", "<u2"), ("p", "?")])
 
-Events = npt.NDArray[Any]
-"""A structured array of :data:`EVENT_DTYPE`, shape ``(n,)``."""
-_PLAIN = np.dtype(f"V{EVENT_DTYPE.itemsize}")
-NO_EVENTS = np.empty(0, dtype=EVENT_DTYPE)
+_COLUMNS = tuple(np.dtype(kind) for kind in (np.int64, np.uint16, np.uint16, np.bool_))
+
+
+class Events:
+    """Events of a camera: four columns of one length, all checked. `make_events` makes them.
+
+    >>> events = make_events(t=[0, 4, 9], x=[1, 2, 1], y=[0, 0, 3])
+    >>> len(events), events.t, events[1:].x, events[events.y == 0].tolist()
+    (3, array([0, 4, 9]), array([2, 1], dtype=uint16), [(0, 1, 0, True), (4, 2, 0, True)])
+
+    ``events["t"]`` is ``events.t``, and ``np.asarray(events)`` a structured array of `EVENT_DTYPE`.
+
+    Attributes
+    ----------
+    t : ndarray of int64, shape (n,)
+        Times in microseconds from the recording's start.
+    x, y : ndarray of uint16, shape (n,)
+        Columns and rows.
+    p : ndarray of bool, shape (n,)
+        Polarities; True is ON.
+    """
+
+    __slots__ = ("p", "t", "x", "y")
+    __iter__ = None  # its columns have the values
+
+    def __init__(
+        self,
+        t: npt.NDArray[np.int64],
+        x: npt.NDArray[np.uint16],
+        y: npt.NDArray[np.uint16],
+        p: npt.NDArray[np.bool_],
+    ) -> None:
+        self.t, self.x, self.y, self.p = t, x, y, p
+
+    @property
+    def columns(
+        self,
+    ) -> tuple[
+        npt.NDArray[np.int64], npt.NDArray[np.uint16], npt.NDArray[np.uint16], npt.NDArray[np.bool_]
+    ]:
+        """The columns t, x, y, p."""
+        return self.t, self.x, self.y, self.p
+
+    @property
+    def size(self) -> int:
+        """Number of events."""
+        return self.t.size
+
+    def __len__(self) -> int:
+        return self.t.size
+
+    @overload
+    def __getitem__(self, part: str) -> npt.NDArray[Any]: ...
+    @overload
+    def __getitem__(self, part: slice | npt.NDArray[Any]) -> Events: ...
+    def __getitem__(self, part: Any) -> Any:
+        """Return a column by its name, or some of the events: a slice, a mask or their numbers."""
+        if isinstance(part, str):
+            return getattr(self, part)
+        return Events(self.t[part], self.x[part], self.y[part], self.p[part])
+
+    def __array__(self, dtype: Any = None, copy: bool | None = None) -> npt.NDArray[Any]:
+        records = np.empty(self.t.size, EVENT_DTYPE)
+        for name, column in zip("txyp", self.columns, strict=True):
+            records[name] = column
+        return records if dtype is None else records.astype(dtype)
+
+    def __repr__(self) -> str:
+        span = f", {self.t[0]} to {self.t[-1]} us" if self.t.size else ""
+        return f"<{self.t.size} events{span}>"
+
+    def tolist(self) -> list[tuple[int, int, int, bool]]:
+        """Return an event a tuple."""
+        return list(zip(*(column.tolist() for column in self.columns), strict=True))
+
+    def copy(self) -> Events:
+        """Return events in memory of their own."""
+        return Events(self.t.copy(), self.x.copy(), self.y.copy(), self.p.copy())
+
+    @property
+    def packed(self) -> bool:
+        """Whether the columns have their types, are contiguous and can be written, for kernels."""
+        t, x, y, p = self.t, self.x, self.y, self.p
+        # not in a loop, which takes as long as a kernel's work on a few events
+        return (
+            (t.dtype, x.dtype, y.dtype, p.dtype) == _COLUMNS
+            and t.flags.carray
+            and x.flags.carray
+            and y.flags.carray
+            and p.flags.carray
+        )
+
+
+def empty_events(n: int) -> Events:
+    """Return `n` events, whose values a decoder sets."""
+    return Events(*(np.empty(n, dtype) for dtype in _COLUMNS))
+
+
+NO_EVENTS = empty_events(0)
 
 #: Longest side of a sensor in pixels: columns and rows are 16 bits.
 LONGEST_SIDE = 1 << 16
@@ -92,7 +186,7 @@ SensorSize: TypeAlias = Sensor | tuple[int, int] | tuple[int, int, int] | str
 def make_events(
     t: npt.ArrayLike, x: npt.ArrayLike, y: npt.ArrayLike, p: npt.ArrayLike | None = None
 ) -> Events:
-    """Make an event array from columns.
+    """Make events of columns, which are copied.
 
     Parameters
     ----------
@@ -100,14 +194,14 @@ def make_events(
         Times in whole microseconds, columns, rows, polarities (greater than 0 is ON; all ON if
         absent).
 
-    Returns
-    -------
-    ndarray of EVENT_DTYPE, shape (n,)
+    Raises
+    ------
+    EventError
+        If a column holds anything else, or another number of values.
     """
     for name, values in (("t", t), ("x", x), ("y", y), ("p", 0 if p is None else p)):
         _check_numbers(name, np.asarray(values))
-    times = np.asarray(t)
-    events = np.empty(times.shape, dtype=EVENT_DTYPE)
+    times = np.array(t, np.int64)
     for name, column in (("x", np.asarray(x)), ("y", np.asarray(y))):
         if column.shape != times.shape:
             raise EventError(
@@ -119,10 +213,8 @@ def make_events(
                 f"column {name} spans {column.min()} to {column.max()}, outside 0 to 65535: "
                 "check the order of the columns"
             )
-        events[name] = column
-    events["t"] = times
-    events["p"] = True if p is None else np.asarray(p) > 0
-    return events
+    on = np.ones(times.shape, np.bool_) if p is None else np.array(np.asarray(p) > 0)
+    return Events(times, np.array(x, np.uint16), np.array(y, np.uint16), on)
 
 
 def _check_numbers(name: str, column: npt.NDArray[Any]) -> None:
@@ -142,49 +234,48 @@ def _check_numbers(name: str, column: npt.NDArray[Any]) -> None:
 
 
 def as_events(given: object) -> Events:
-    """Return an array with the fields t, x, y and perhaps p, of any types, as an event array."""
-    check_event_array(given)
-    assert isinstance(given, np.ndarray)
-    if given.dtype == EVENT_DTYPE:
+    """Return events, or an array with the fields t, x, y and perhaps p of any types, as events."""
+    if isinstance(given, Events) and given.packed:
         return given
-    return make_events(*(given[name] for name in "txyp" if name in given.dtype.names))
+    check_event_array(given)
+    names: tuple[str, ...] = getattr(getattr(given, "dtype", None), "names", None) or tuple("txyp")
+    return make_events(*(given[name] for name in "txyp" if name in names))  # type: ignore[index]
 
 
 def in_order(chunks: Iterable[Events], sensor: Sensor) -> Iterator[Events]:
-    """Yield the event arrays of a source outside of this package, none of them empty.
+    """Yield the events of a source outside of this package, chunk by chunk, none of them empty.
 
     Raises
     ------
     EventError
-        If time runs backwards, also between two arrays, or a pixel lies off the sensor.
+        If time runs backwards, also between two chunks, or a pixel lies off the sensor.
     """
     last = None
     for chunk in chunks:
         events = as_events(chunk)
         check_events(events, sensor, after=last)
         if events.size:
-            last = int(events["t"][-1])
+            last = int(events.t[-1])
             yield events
 
 
 def check_events(events: Events, sensor: Sensor, *, after: int | None = None) -> None:
-    """Check that `events` is a time-ordered event array of this sensor.
+    """Check that events are in the order of time and on this sensor.
 
     Parameters
     ----------
     after : int, optional
         Time of the last event before these, in microseconds; none of these may be earlier.
     """
-    check_event_array(events)
-    if events.size == 0:
+    if len(events) == 0:
         return
-    x_max, y_max = int(events["x"].max()), int(events["y"].max())
+    x_max, y_max = int(events.x.max()), int(events.y.max())
     if x_max >= sensor.width or y_max >= sensor.height:
         raise EventError(
             f"pixel at column {x_max} or row {y_max} lies off the {sensor} sensor: "
             "name the right sensor, or drop such events when reading"
         )
-    t = events["t"]
+    t = events.t
     back = np.flatnonzero(t[1:] < t[:-1])
     if back.size:
         i = int(back[0])
@@ -198,7 +289,7 @@ def check_events(events: Events, sensor: Sensor, *, after: int | None = None) ->
 
 def check_after(events: Events, floor_us: int) -> None:
     """Check that the first event is not earlier than a time: the last one before it, or 0."""
-    first = int(events["t"][0])
+    first = int(events.t[0])
     if first < floor_us:
         raise EventError(
             f"time runs backwards, from {floor_us} to {first} us: sort the events, or drop the "
@@ -207,34 +298,26 @@ def check_after(events: Events, floor_us: int) -> None:
 
 
 def check_event_array(events: object) -> None:
-    """Raise EventError unless this is an array with the fields of events."""
+    """Raise EventError unless these are events, or an array with their fields."""
+    if isinstance(events, Events):
+        return
     if not isinstance(events, np.ndarray):
-        raise EventError(f"events are {kind_of(events)}: build an array with edge_vpr.make_events")
+        raise EventError(f"events are {kind_of(events)}: make them with edge_vpr.make_events")
     if events.dtype.names is None or not {"t", "x", "y"} <= set(events.dtype.names):
         raise EventError(
             f"event array has dtype {events.dtype}, without the fields t, x, y: "
-            "build it with edge_vpr.make_events"
+            "make events with edge_vpr.make_events"
         )
 
 
 def join_events(parts: Sequence[Events]) -> Events:
-    """Concatenate event arrays.
-
-    Parameters
-    ----------
-    parts : sequence of ndarray of EVENT_DTYPE
-        Each without gaps in memory; one alone is returned as it is.
-
-    Returns
-    -------
-    ndarray of EVENT_DTYPE, shape (n,)
-    """
+    """Return events one after another; one part alone as it is."""
     if len(parts) == 1:
         return parts[0]
     if not parts:
         return NO_EVENTS
-    # as bytes: NumPy concatenates records field by field, which takes 17 times as long
-    return np.concatenate([part.view(_PLAIN) for part in parts]).view(EVENT_DTYPE)
+    columns = zip(*(part.columns for part in parts), strict=True)
+    return Events(*map(np.concatenate, columns))
 
 
 def crop(events: Events, x: int, y: int, width: int, height: int) -> Events:
@@ -249,17 +332,12 @@ def crop(events: Events, x: int, y: int, width: int, height: int) -> Events:
 
     Returns
     -------
-    ndarray of EVENT_DTYPE, shape (m,)
+    Events
         A copy.
     """
-    check_event_array(events)
-    inside = (
-        (events["x"] >= x)
-        & (events["x"] < x + width)
-        & (events["y"] >= y)
-        & (events["y"] < y + height)
-    )
+    events = as_events(events)
+    inside = (events.x >= x) & (events.x < x + width) & (events.y >= y) & (events.y < y + height)
     cropped = events[inside]
-    cropped["x"] -= x
-    cropped["y"] -= y
+    cropped.x -= np.uint16(x)
+    cropped.y -= np.uint16(y)
     return cropped

@@ -51,7 +51,7 @@ from edge_vpr.online.schedule import MatchSchedule
 from edge_vpr.recordings import Faults, Recording, open_recording
 from edge_vpr.recordings.memory import FORMAT as MEMORY
 from edge_vpr.recordings.memory import column_names
-from edge_vpr.recordings.reading import Camera, UnitCheck
+from edge_vpr.recordings.reading import Camera
 from edge_vpr.results import (
     MAP,
     MATCHES,
@@ -391,9 +391,7 @@ class ReferenceMap(MapRecord):
         """
         _check_causal(changes, "localiser")
         asked = self._with(self._asked(settings, changes, "localiser"), "localiser")
-        made = Localiser(asked.causal(), every=every)
-        made.unit_check = UnitCheck(self.pixel_map.sensor)
-        return made
+        return Localiser(asked.causal(), every=every)
 
     def changed(self, changes: Mapping[str, Any], by: str) -> Self:
         """Return the map with other settings of matching, by name; `by` is named in errors."""

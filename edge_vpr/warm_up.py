@@ -14,7 +14,7 @@ from edge_vpr.compile_report import kernels_shown
 from edge_vpr.descriptors.cleaning import BurstFilter, CausalBurstFilter
 from edge_vpr.descriptors.counting import cleaned
 from edge_vpr.errors import EdgeVprError
-from edge_vpr.events import EVENT_DTYPE, Events, Sensor, make_events
+from edge_vpr.events import Events, Sensor, make_events
 from edge_vpr.map_record import MapRecord, describe_query, map_traverse
 from edge_vpr.matching.drive import match_descriptors
 from edge_vpr.online.kernels import CHUNK_EVENTS
@@ -59,8 +59,7 @@ class _Drive(NamedTuple):
     events: Events
 
     def __iter__(self) -> Iterator[Events]:
-        # an array of one event has a type of its own in Numba, as it is contiguous
-        return iter([self.events[:1], self.events[1:2], self.events[2:]])
+        return iter([self.events])
 
 
 #: size of a sensor and number of pixels for mapping; kernels are the same for all sizes
@@ -101,9 +100,9 @@ def matching_steps(reference: MapRecord, *, odometry: bool = False) -> list[Warm
     """
     settings, pixels = reference.settings, reference.pixel_map
     number = 2 * settings.events_per_window if settings.window == "count" else 64
-    events = np.zeros(number, dtype=EVENT_DTYPE)
-    events["t"] = np.linspace(0, 3 * settings.tau_us, number).astype(np.int64)
-    events["x"], events["y"] = pixels.x[0], pixels.y[0]
+    t = np.linspace(0, 3 * settings.tau_us, number).astype(np.int64)
+    x, y = (np.full(number, side[0]) for side in (pixels.x, pixels.y))
+    events = make_events(t, x, y, np.zeros(number))
     drive = _Drive(pixels.sensor, events)
     # Places of the map are windows too. Those with the lowest and the highest count are among them,
     # since kernels differ by the range of the counts.
@@ -172,7 +171,7 @@ def localising_steps(
 
     def windows() -> None:
         """End windows that are no pause: they run code of their own, the second needs the first."""
-        settings, last_us = reference.settings, int(events["t"][-1])
+        settings, last_us = reference.settings, int(events.t[-1])
         n = int(reference.places.selected_events.max())
         if settings.window == "count":
             n = max(n, settings.events_per_window)

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
 
 from edge_vpr.descriptors.windows import Descriptors, narrow
-from edge_vpr.events import Events, Sensor, make_events
+from edge_vpr.events import Events, Sensor, join_events, make_events
 from edge_vpr.live.protocols import Health
 from edge_vpr.recordings import Recording, open_recording, write_recording
 
@@ -32,8 +33,14 @@ def write_drives(folder: Path, n: int, sensor: Sensor, duration_us: int) -> None
 
 def cut_up(rng: np.random.Generator, events: Events, pieces: int) -> list[Events]:
     """The same events in `pieces` chunks, some of them empty."""
-    cuts = np.sort(rng.integers(0, events.size + 1, pieces - 1))
-    return np.split(events, cuts)
+    cuts = [0, *np.sort(rng.integers(0, len(events) + 1, pieces - 1)).tolist(), len(events)]
+    return [events[begin:end] for begin, end in pairwise(cuts)]
+
+
+def split_events(events: Events, cuts) -> list[Events]:
+    """The same events cut before some of them, or into a number of parts of about one length."""
+    parts = np.array_split(np.arange(len(events)), cuts)
+    return [events[part[0] : part[-1] + 1] if part.size else events[:0] for part in parts]
 
 
 def as_tuples(events: Events) -> list[tuple[int, int, int, bool]]:
@@ -63,15 +70,15 @@ def with_sums(matches, length: int = 1):
 def from_first(events: Events) -> Events:
     """The same events with times from the first one."""
     shifted = events.copy()
-    shifted["t"] -= events["t"][0]
+    shifted.t -= events.t[0]
     return shifted
 
 
 def absolute(path, **options) -> tuple[Events, Recording]:
     """Events of a recording with times on the file's own clock, and the recording."""
     recording = open_recording(path, **options)
-    events = np.concatenate(list(recording))
-    events["t"] += recording.start_us
+    events = join_events(list(recording)).copy()
+    events.t += recording.start_us
     return events, recording
 
 

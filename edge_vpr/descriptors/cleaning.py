@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
 from edge_vpr.compiling import SharedState, kernel
 from edge_vpr.errors import RecordingError, UsageError, as_path, expect, number_in
-from edge_vpr.events import EVENT_DTYPE, Events, Sensor, check_event_array, join_events
+from edge_vpr.events import NO_EVENTS, Events, Sensor, as_events, empty_events, join_events
 from edge_vpr.files import open_input
 
 # Removal of bursts, moments at which most pixels fire at once, from a stream of events.
@@ -50,7 +50,7 @@ class BurstFilter:
     def _hold_nothing(self) -> None:
         # The newest two slots with events: the last may get more, and the one before it may still
         # become the first half of a burst. Rows: number and size; size 0 means none yet.
-        self._events = np.empty(0, dtype=EVENT_DTYPE)
+        self._events = NO_EVENTS
         self._newest = np.array([[-4, 0], [-2, 0]], dtype=np.int64)
         # whether the first of the two slots is a burst together with the slot before it
         self._first_is_burst = False
@@ -60,32 +60,32 @@ class BurstFilter:
 
         Parameters
         ----------
-        events : ndarray of EVENT_DTYPE, shape (n,)
+        events : Events
             In time order and on the sensor, after all those before.
 
         Returns
         -------
-        ndarray of EVENT_DTYPE, shape (m,)
+        Events
             The events known by now to belong to no burst, in order.
         """
-        return np.concatenate([*self.pieces(events), self._events[:0]])
+        return join_events(self.pieces(events))
 
     def pieces(self, events: Events) -> list[Events]:
         """Feed the next events as `update` does, and yield the kept ones without copying.
 
         Returns
         -------
-        list of ndarray of EVENT_DTYPE
+        list of Events
             The events that `update` would return, one array after another; they may be views.
         """
-        check_event_array(events)
+        events = as_events(events)
         if events.size == 0:
             return []
         held, newest = self._events, self._newest.copy()
-        most, cut = _newest_slots(np.ascontiguousarray(events), held.size, newest)
+        most, cut = _newest_slots(events.t, held.size, newest)
         keep = None
         if most > self._least or self._first_is_burst:
-            slots = _joined(self._slots(), _slots_of(events["t"]))
+            slots = _joined(self._slots(), _slots_of(events.t))
             burst = self._bursts(slots, held, events)
             decided = max(0, len(slots.number) - 2)
             keep = np.repeat(~burst[:decided], slots.size[:decided])
@@ -95,7 +95,7 @@ class BurstFilter:
             pieces = [held[:cut], events[: max(0, cut - held.size)]]
         else:
             self.removed += int(np.count_nonzero(~keep))
-            pieces = [np.concatenate([held, events])[:cut][keep]]
+            pieces = [join_events([held, events])[:cut][keep]]
         self._events = join_events([held[cut:], events[max(0, cut - held.size) :]])
         self._newest = newest
         return [piece for piece in pieces if piece.size]
@@ -109,11 +109,11 @@ class BurstFilter:
 
         Returns
         -------
-        ndarray of EVENT_DTYPE, shape (m,)
+        Events
             The events known by now to belong to no burst, in order.
         """
         held = self._events
-        if held.size and until_us // BURST_SLOT_US > int(held["t"][-1]) // BURST_SLOT_US + 1:
+        if held.size and until_us // BURST_SLOT_US > int(held.t[-1]) // BURST_SLOT_US + 1:
             return self.finish()
         return held[:0]
 
@@ -122,14 +122,14 @@ class BurstFilter:
         """Time before which all events have left the filter; the largest time if none is held."""
         if self._events.size == 0:
             return np.iinfo(np.int64).max
-        return int(self._events["t"][0]) // BURST_SLOT_US * BURST_SLOT_US
+        return int(self._events.t[0]) // BURST_SLOT_US * BURST_SLOT_US
 
     def finish(self) -> Events:
         """End the stream.
 
         Returns
         -------
-        ndarray of EVENT_DTYPE, shape (m,)
+        Events
             The remaining events that belong to no burst.
         """
         held = self._events
@@ -149,8 +149,8 @@ class BurstFilter:
         candidates = np.flatnonzero(together > self._least)
         if candidates.size == 0:
             return burst
-        joined = np.concatenate([held, events])
-        flat = joined["y"].astype(np.int64) * self._sensor.width + joined["x"]
+        joined = join_events([held, events])
+        flat = joined.y.astype(np.int64) * self._sensor.width + joined.x
         ends = np.cumsum(slots.size)
         for i in candidates.tolist():
             pixels = np.unique(flat[ends[i] - together[i] : ends[i]]).size
@@ -161,7 +161,7 @@ class BurstFilter:
 
 
 @kernel
-def _newest_slots(events, held, newest):  # type: ignore[no-untyped-def]
+def _newest_slots(t, held, newest):  # type: ignore[no-untyped-def]
     """Assign events to slots by their times, after `held` events in two slots.
 
     Returns the largest number of events in two neighbouring slots together, and the number of
@@ -170,12 +170,26 @@ def _newest_slots(events, held, newest):  # type: ignore[no-untyped-def]
     before, before_size, last, last_size = newest[0, 0], newest[0, 1], newest[1, 0], newest[1, 1]
     before_at, last_at = 0, before_size
     most = last_size + (before_size if last == before + 1 else 0)
-    for i in range(events.size):
-        slot = events[i]["t"] // BURST_SLOT_US
+    i = 0
+    while i < t.size:
+        slot = t[i] // BURST_SLOT_US
         if slot != last:
             before, before_size, before_at = last, last_size, last_at
             last, last_size, last_at = slot, 0, held + i
-        last_size += 1
+        # the end of the slot, by growing steps and then by halves
+        until, first, step = (slot + 1) * BURST_SLOT_US, i, 1
+        while i + step < t.size and t[i + step] < until:
+            i += step
+            step *= 2
+        end = min(i + step, t.size)
+        i += 1
+        while i < end:
+            middle = (i + end) // 2
+            if t[middle] < until:
+                i = middle + 1
+            else:
+                end = middle
+        last_size += i - first
         together = last_size + (before_size if last == before + 1 else 0)
         most = max(most, together)
     newest[0, 0], newest[0, 1], newest[1, 0], newest[1, 1] = before, before_size, last, last_size
@@ -226,7 +240,7 @@ class _Fired(NamedTuple):
     fired: npt.NDArray[np.int64]
     width: int
     state: npt.NDArray[np.void]
-    room: Events
+    room: tuple[npt.NDArray[Any], ...]
 
 
 class CausalBurstFilter:
@@ -249,7 +263,7 @@ class CausalBurstFilter:
         state = np.zeros(1, dtype=_STATE)
         state["slot"] = -2
         fired = np.full(sensor.pixels, -2, dtype=np.int64)
-        self._fired = _Fired(fired, sensor.width, state, np.empty(_ROOM, dtype=EVENT_DTYPE))
+        self._fired = _Fired(fired, sensor.width, state, empty_events(_ROOM).columns)
         self._shared = SharedState(self._fired)
 
     @property
@@ -261,11 +275,11 @@ class CausalBurstFilter:
         """Feed the next events; see `BurstFilter.update`."""
         if not events.size or not self._fired.fired.size:
             return events
-        if events.size > self._fired.room.size:
-            self._fired = self._fired._replace(room=np.empty(events.size, dtype=EVENT_DTYPE))
+        if events.size > self._fired.room[0].size:
+            self._fired = self._fired._replace(room=empty_events(events.size).columns)
             self._shared = SharedState(self._fired)
-        n = _keep(self._shared.kernel_state, events)
-        return events if n == events.size else self._fired.room[:n].copy()
+        n = _keep(self._shared.kernel_state, *events.columns)
+        return events if n == events.size else Events(*self._fired.room)[:n].copy()
 
     def pieces(self, events: Events) -> list[Events]:
         """See `BurstFilter.pieces`."""
@@ -274,26 +288,25 @@ class CausalBurstFilter:
 
     def advance(self, until_us: int) -> Events:
         """See `BurstFilter.advance`; nothing is held."""
-        return self._fired.room[:0]
+        return NO_EVENTS
 
     def finish(self) -> Events:
         """See `BurstFilter.finish`; nothing is held."""
-        return self._fired.room[:0]
+        return NO_EVENTS
 
 
 @kernel
-def _keep(kernel_state, events):  # type: ignore[no-untyped-def]
+def _keep(kernel_state, t, x, y, p):  # type: ignore[no-untyped-def]
     """Copy the events outside of bursts known so far to `_Fired.room`; return their number."""
-    fired, width, states, room = kernel_state.value
+    fired, width, states, (t_out, x_out, y_out, p_out) = kernel_state.value
     s = states[0]
     slot, pixels, before, n = s["slot"], s["pixels"], s["pixels_before"], 0
-    for i in range(events.size):
-        event = events[i]
-        now = event["t"] // BURST_SLOT_US
+    for i in range(t.size):
+        now = t[i] // BURST_SLOT_US
         if now != slot:
             before = pixels if now == slot + 1 else 0
             slot, pixels = now, 0
-        at = np.int64(event["y"]) * width + np.int64(event["x"])
+        at = np.int64(y[i]) * width + np.int64(x[i])
         last = fired[at]
         if last != now:
             # a pixel that fired in both slots is counted once
@@ -301,10 +314,10 @@ def _keep(kernel_state, events):  # type: ignore[no-untyped-def]
             pixels += 1
             fired[at] = now
         if (pixels + before) * BURST_SHARE[1] <= fired.size * BURST_SHARE[0]:
-            room[n] = event
+            t_out[n], x_out[n], y_out[n], p_out[n] = t[i], x[i], y[i], p[i]
             n += 1
     s["slot"], s["pixels"], s["pixels_before"] = slot, pixels, before
-    s["removed"] += events.size - n
+    s["removed"] += t.size - n
     return n
 
 

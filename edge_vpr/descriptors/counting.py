@@ -26,19 +26,19 @@ from edge_vpr.descriptors.windows import (
 )
 from edge_vpr.errors import EventError, MapError, UsageError, expect, kind_of
 from edge_vpr.events import (
-    EVENT_DTYPE,
     NO_EVENTS,
     Events,
     Sensor,
     SensorSize,
+    as_events,
     check_after,
-    check_event_array,
     check_events,
     in_order,
+    make_events,
 )
 from edge_vpr.recordings import EventData, open_recording
 from edge_vpr.recordings.memory import is_event_data
-from edge_vpr.recordings.reading import NO_CAMERA, Camera, UnitCheck
+from edge_vpr.recordings.reading import NO_CAMERA, Camera
 from edge_vpr.settings import Settings
 
 # Kernels that count events at selected pixels.
@@ -49,7 +49,6 @@ from edge_vpr.settings import Settings
 
 # Coordinates are checked in blocks, in a loop that vectorises, so that no event can reach memory
 # outside the table. The block is then still in the cache, and the check costs a tenth of the time.
-# Fields of a structured array are first copied to contiguous columns, which is faster.
 _BLOCK = 16384
 _GROUP = 16
 # returned in place of a number of events
@@ -88,8 +87,7 @@ def count_slots(
     """Count until the budget is spent; the OFF counts start at `slots_end`."""
     height, row, counted = table.size // width, np.uint64(width), 0
     for first in range(0, x.size, _BLOCK):
-        xs = np.ascontiguousarray(x[first : first + _BLOCK])
-        ys = np.ascontiguousarray(y[first : first + _BLOCK])
+        xs, ys = x[first : first + _BLOCK], y[first : first + _BLOCK]
         if not (_below(xs, width) and _below(ys, height)):
             return OFF_SENSOR, counted
         start = 0
@@ -111,39 +109,21 @@ def count_slots(
     return x.size, counted
 
 
-def _count_one(
-    table: Any, width: int, x: Any, y: Any, p: Any, counts: Any, slots_end: int, budget: int
-) -> tuple[int, int]:
-    """Count one event, whose fields are contiguous: Numba would compile `count_slots` for it."""
-    column, row = int(x[0]), int(y[0])
-    if column >= width or row >= table.size // width:
-        return OFF_SENSOR, 0
-    slot = int(table[row * width + column])
-    if slot >= slots_end:
-        return OFF_COUNTS, 0
-    if slot < 0:
-        return 1, 0
-    counts[slot + (0 if p is None or p[0] else slots_end)] += 1
-    return 1, 1
-
-
 @kernel
 def count_pixels(x: Any, y: Any, flat: Any, width: int) -> int:
     """Count every event at its own pixel."""
-    height, row = flat.size // width, np.uint64(width)
-    for first in range(0, x.size, _BLOCK):
-        xs = np.ascontiguousarray(x[first : first + _BLOCK])
-        ys = np.ascontiguousarray(y[first : first + _BLOCK])
-        if not (_below(xs, width) and _below(ys, height)):
+    height, row = np.uint64(flat.size // width), np.uint64(width)
+    for i in range(x.size):
+        column, line = np.uint64(x[i]), np.uint64(y[i])
+        if column >= row or line >= height:
             return OFF_SENSOR
-        for i in range(xs.size):
-            flat[np.uint64(ys[i]) * row + np.uint64(xs[i])] += 1
+        flat[line * row + column] += 1
     return x.size
 
 
 # Event counters of selected pixels, or of every pixel.
 #
-# Coordinates are given as columns in chunks of any size, contiguous or as fields of an event array.
+# Coordinates are given as columns in chunks of any size.
 
 
 Column = npt.NDArray[Any]
@@ -166,7 +146,7 @@ def count_events(
     table : ndarray of int16 or int32, shape (H, W)
         Slot of each pixel, 0 to J-1, or -1 where no event counts.
     x, y : ndarray of uint16, shape (n,)
-        Columns and rows, contiguous or fields of a structured array.
+        Columns and rows.
     counts : ndarray of int32 or int64, shape (J,), or (2J,) with polarity
         Counters, added to in place; with polarity the OFF counts follow the ON counts.
     p : ndarray of bool, shape (n,), optional
@@ -223,8 +203,7 @@ def count_until(
         return 0, 0
     height, width = table.shape
     slots_end = counts.size if p is None else counts.size // 2
-    counter = _count_one if x.size == 1 else count_slots
-    consumed, counted = counter(
+    consumed, counted = count_slots(
         table.reshape(-1), width, x, y, p, counts, slots_end, min(budget, _NO_LIMIT)
     )
     if consumed == OFF_SENSOR:
@@ -243,7 +222,7 @@ def count_frame(x: Column, y: Column, frame: Counts) -> None:
     Parameters
     ----------
     x, y : ndarray of uint16, shape (n,)
-        Columns and rows, contiguous or fields of a structured array.
+        Columns and rows.
     frame : ndarray of int32 or int64, shape (H, W)
         Count image, added to in place.
     """
@@ -337,7 +316,7 @@ class DescriptorStream:
 
         Parameters
         ----------
-        events : ndarray with fields t, x, y and, for polarity, p; shape (n,)
+        events : Events
             In time order and on the sensor, after all those before (see `check_events`).
 
         Returns
@@ -349,16 +328,16 @@ class DescriptorStream:
 
     def windows(self, events: Events) -> Iterator[WindowCounts]:
         """Feed the next events and yield the completed windows; `update` returns all at once."""
-        check_event_array(events)
+        events = as_events(events)
         if events.size == 0:
             return
         check_after(events, self.last_us)
-        self._unseen += self._unseen_time.feed(events["t"])
+        self._unseen += self._unseen_time.feed(events.t)
         if isinstance(self._window, FixedTime):
-            yield from self._fixed_time(events, int(events["t"][-1]), self._window.tau_us)
+            yield from self._fixed_time(events, int(events.t[-1]), self._window.tau_us)
         else:
             yield from self._fixed_count(events, self._window.events)
-        self.last_us = int(events["t"][-1])
+        self.last_us = int(events.t[-1])
 
     def advance(self, until_us: int) -> Iterator[WindowCounts]:
         """Advance the time without events, and yield the windows of fixed time that end by then.
@@ -380,7 +359,7 @@ class DescriptorStream:
         return collect(iter(last), self._counts.size)
 
     def _fixed_time(self, events: Events, until: int, tau: int) -> Iterator[WindowCounts]:
-        t = events["t"]
+        t = events.t
         windows = (until - self._start) // tau
         if until // tau > MAX_WINDOWS:
             raise UsageError(
@@ -397,8 +376,8 @@ class DescriptorStream:
         self._count(events[cut:])
 
     def _fixed_count(self, events: Events, budget: int) -> Iterator[WindowCounts]:
-        t, x, y = events["t"], events["x"], events["y"]
-        p = events["p"] if self._polarity else None
+        t, x, y = events.t, events.x, events.y
+        p = events.p if self._polarity else None
         cut = 0
         while cut < events.size:
             if not self._events:
@@ -420,10 +399,10 @@ class DescriptorStream:
     def _count(self, events: Events) -> None:
         if events.size:
             if self._image_shape is not None:
-                count_frame(events["x"], events["y"], self._counts.reshape(self._image_shape))
+                count_frame(events.x, events.y, self._counts.reshape(self._image_shape))
             else:
-                p = events["p"] if self._polarity else None
-                count_events(self._table, events["x"], events["y"], self._counts, p)
+                p = events.p if self._polarity else None
+                count_events(self._table, events.x, events.y, self._counts, p)
             self._events += events.size
 
     def _take(self, start: int, end: int) -> WindowCounts:
@@ -470,12 +449,12 @@ class CountPixels:
         expect(self.pixel_map, PixelMap, "pixel_map", "a PixelMap, as of select_pixels or of a map")
         object.__setattr__(self, "_table", self.pixel_map.table())
 
-    def __call__(self, events: Events) -> npt.NDArray[np.int64]:
+    def __call__(self, events: Events | npt.NDArray[Any]) -> npt.NDArray[np.int64]:
         """Count the events of an array.
 
         Parameters
         ----------
-        events : structured ndarray, shape (n,)
+        events : Events, or structured ndarray, shape (n,)
             With the fields x and y of any integer dtype, p for polarity (greater than 0 is ON) and
             t for windows; the fields of tonic's arrays may be in any order. The array is not
             changed.
@@ -486,40 +465,26 @@ class CountPixels:
             The J counts of ON events precede those of OFF events. With `window`, there is one row
             for each window, shape (K, J) or (K, 2 J).
         """
-        columns = self._columns(events)
+        if not isinstance(events, Events):
+            events = self._events_of(events)
         if self.window is not None:
-            check_events(columns, self.pixel_map.sensor, after=0)
+            check_events(events, self.pixel_map.sensor, after=0)
             stream = DescriptorStream(self.pixel_map, self.window, polarity=self.polarity)
-            return stream.update(columns).counts.astype(np.int64)
+            return stream.update(events).counts.astype(np.int64)
         counts = np.zeros(len(self.pixel_map) * (2 if self.polarity else 1), dtype=np.int64)
-        p = columns["p"] if self.polarity else None
-        count_events(self._table, columns["x"], columns["y"], counts, p)
+        count_events(self._table, events.x, events.y, counts, events.p if self.polarity else None)
         return counts
 
-    def _columns(self, events: Events) -> Events:
-        """Convert to the project's dtype; wider coordinates are checked instead of wrapped."""
-        needed = (
-            {"x", "y"} | ({"p"} if self.polarity else set()) | ({"t"} if self.window else set())
-        )
-        if not needed <= set(events.dtype.names or ()):
+    def _events_of(self, array: npt.NDArray[Any]) -> Events:
+        """Return the events of a structured array, whose fields are those that are counted by."""
+        needed = "xy" + "p" * self.polarity + "t" * (self.window is not None)
+        if not set(needed) <= set(array.dtype.names or ()):
             raise EventError(
-                f"event array has dtype {events.dtype}, without all of the fields "
+                f"event array has dtype {array.dtype}, without all of the fields "
                 f"{', '.join(sorted(needed))}: give a structured array as tonic's datasets do"
             )
-        if events.dtype == EVENT_DTYPE:
-            return events
-        columns = np.empty(events.shape, EVENT_DTYPE)
-        for name, size in zip("xy", self.pixel_map.sensor, strict=True):
-            column = events[name]
-            if column.size and not (column.min() >= 0 and column.max() < size):
-                raise EventError(
-                    f"field {name} spans {column.min()} to {column.max()}, off the "
-                    f"{self.pixel_map.sensor} sensor: give the pixel map of this camera"
-                )
-            columns[name] = column
-        for name in needed - {"x", "y"}:
-            columns[name] = events[name] > 0 if name == "p" else events[name]
-        return columns
+        t = array["t"] if "t" in needed else np.zeros(array.shape, np.int64)
+        return make_events(t, array["x"], array["y"], array["p"] if self.polarity else None)
 
 
 # Inputs of mapping and matching: a recording of events, or counts of finished windows.
@@ -534,7 +499,7 @@ class EventSource(Protocol):
         ...
 
     def __iter__(self) -> Iterator[Events]:
-        """Yield event arrays from the start, in time order, on the sensor; they are checked."""
+        """Yield events from the start, in time order, on the sensor; they are checked."""
         ...
 
 
@@ -678,18 +643,13 @@ def cleaned(
     bursts = BurstFilter(recording.sensor) if settings.remove_bursts else None
     # a recording that counts its faults has checked its events
     checked = hasattr(recording, "faults")
-    units = None if checked else UnitCheck(recording.sensor)
     for events in recording if checked else in_order(recording, recording.sensor):
-        if units is not None:
-            units.feed(events)
         removed.events += int(events.size)
         if bursts is None:
             yield events
         else:
             yield from bursts.pieces(events)
             removed.burst_events = bursts.removed
-    if units is not None:
-        units.finish()
     if bursts is not None:
         yield bursts.finish()
         removed.burst_events = bursts.removed

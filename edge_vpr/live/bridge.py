@@ -16,6 +16,7 @@ import time
 import tty
 from collections.abc import Iterable
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 
@@ -292,11 +293,12 @@ class Bridge:
     def _replay(self, recording: Iterable[Events]) -> None:
         start_s, stalled, now = time.monotonic(), self._faults.stall == 0, 0
         for chunk in recording:
-            cuts = np.flatnonzero(np.diff(chunk["t"] // SLICE_US)) + 1
-            for events in np.split(chunk, cuts) if self._speed else [chunk]:
+            cuts = [0, *(np.flatnonzero(np.diff(chunk.t // SLICE_US)) + 1).tolist(), len(chunk)]
+            parts = [chunk[a:b] for a, b in pairwise(cuts)] if self._speed else [chunk]
+            for events in parts:
                 if self.stopping.is_set():
                     return
-                due = int(events["t"][-1]) if events.size else now
+                due = int(events.t[-1]) if events.size else now
                 while self._speed and now + IDLE_US < due and not self.stopping.is_set():
                     now += IDLE_US
                     self._serve_until(start_s + now / 1e6 / self._speed)

@@ -137,7 +137,7 @@ class LiveLocaliser:
         self._dropped = self._dropped or dropped > 0
         if self._localiser is not None:
             # a frame without events, or a state that was kept, tells the time too
-            begin_us = int(events["t"][0]) if events.size else decoder.reached_us
+            begin_us = int(events.t[0]) if events.size else decoder.reached_us
             if self._away and (events.size or begin_us > self._time):
                 self._come_back(self._localiser, early, begin_us)
                 matched = early.size
@@ -255,11 +255,11 @@ class LiveLocaliser:
     def _update(self, localiser: Localiser, events: Events, found: MatchRows) -> None:
         """Match events in parts that each span less than `MOST_TICKS`."""
         while events.size:
-            taken, last = events.size, int(events["t"][-1])
+            taken, last = events.size, int(events.t[-1])
             if last - self._time > self._most_us:
-                self._catch_up(localiser, int(events["t"][0]), found)
-                taken = int(np.searchsorted(events["t"], self._time + self._most_us, "right"))
-                last = int(events["t"][taken - 1])
+                self._catch_up(localiser, int(events.t[0]), found)
+                taken = int(np.searchsorted(events.t, self._time + self._most_us, "right"))
+                last = int(events.t[taken - 1])
             found.append(localiser.update(events if taken == events.size else events[:taken]))
             self._time = last
             events = events[taken:]

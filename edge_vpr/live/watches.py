@@ -116,7 +116,7 @@ class LagWatch:
     def look(self, events: Events, reached_us: int, now_s: float) -> None:
         """Compare the time at which events were matched with that of the oldest of them."""
         health = self._health
-        t_us = int(events["t"][0]) if events.size else reached_us
+        t_us = int(events.t[0]) if events.size else reached_us
         restarts = health.clock_resets + health.clock_jumps + health.device_resets
         if restarts != self._restarts or now_s - self._since_s > _LAG_S:
             before = self._least_us if restarts == self._restarts else math.inf

@@ -166,14 +166,14 @@ def match_now(state, filter_table, rows, s, total, c, length, limits, over, row)
 
 
 @kernel
-def selected_in_order(table, events, floor, slots, times):
+def selected_in_order(table, t, x, y, floor, slots, times):
     """Write the events at selected pixels, unless any event is out of order or off the sensor.
 
     Parameters
     ----------
     table : ndarray of int16 or int32, shape (height, width)
         Slot of each pixel, negative where it is not selected.
-    events : ndarray of EVENT_DTYPE, shape (n,)
+    t, x, y : ndarray, shape (n,)
         Unchecked events.
     floor : int
         Earliest allowed time.
@@ -188,16 +188,15 @@ def selected_in_order(table, events, floor, slots, times):
         Number of events at selected pixels; -1 for invalid events, see `check_order`.
     """
     last, n = floor, 0
-    for i in range(events.size):
-        event = events[i]
-        x, y, t = event["x"], event["y"], event["t"]
-        if t < last or t > TIME_LIMIT_US or y >= table.shape[0] or x >= table.shape[1]:
+    for i in range(t.size):
+        now = t[i]
+        if now < last or now > TIME_LIMIT_US or y[i] >= table.shape[0] or x[i] >= table.shape[1]:
             return -1
-        last = t
-        slot = table[y, x]
+        last = now
+        slot = table[y[i], x[i]]
         if slot >= 0:
             slots[n] = slot
-            times[n] = t
+            times[n] = now
             n += 1
     return n
 
@@ -207,7 +206,7 @@ def check_order(events: Events, floor_us: int, sensor: Sensor) -> None:
 
     Parameters
     ----------
-    events : ndarray with fields t, x and y, shape (n,)
+    events : Events
         At least one.
     floor_us : int
         Earliest allowed time: that of the last event before these, or up to which time has advanced
@@ -219,7 +218,7 @@ def check_order(events: Events, floor_us: int, sensor: Sensor) -> None:
         If time runs backwards or a pixel lies off the sensor.
     """
     check_after(events, floor_us)
-    last = int(events["t"][-1])
+    last = int(events.t[-1])
     if last > TIME_LIMIT_US:
         raise EventError(
             f"an event at {last} us lies beyond {TIME_LIMIT_US} us: check the unit of its clock"
@@ -318,15 +317,15 @@ Stop = tuple[int, int]
 
 
 @kernel
-def process_events(kernel_state, events, until):
+def process_events(kernel_state, t, x, y, until):
     """Process events, or continue with those of an earlier call, until Python code is needed.
 
     Parameters
     ----------
     kernel_state : KernelState
         Of an `OnlineState`; its arrays are updated in place.
-    events : ndarray of EVENT_DTYPE, shape (m,)
-        At most as many as `OnlineState.slots` has room for.
+    t, x, y : ndarray, shape (m,)
+        Events, at most as many as `OnlineState.slots` has room for.
     until : int
         Without events: the time to advance to, or `GO_ON` to continue an earlier call.
 
@@ -339,9 +338,9 @@ def process_events(kernel_state, events, until):
     """
     f = OnlineState(*kernel_state.value)
     s, c, out = SlidingWindows(*f.windows), f.control[0], f.out
-    if events.size > 0:
-        last = events[events.size - 1]["t"]
-        selected = selected_in_order(f.table, events, c.floor, f.slots, f.times)
+    if t.size > 0:
+        last = t[t.size - 1]
+        selected = selected_in_order(f.table, t, x, y, c.floor, f.slots, f.times)
         if selected < 0 or (c.interval > 0 and (last - c.next_tick) // c.interval > MAX_WINDOWS):
             return 0, REFUSED
         c.floor, c.until, c.now, c.read, c.selected = last, last, last + 1, 0, selected

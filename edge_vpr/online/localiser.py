@@ -25,12 +25,10 @@ from edge_vpr.descriptors.pixels import PixelMap
 from edge_vpr.descriptors.windows import Descriptors, FixedTime, Window
 from edge_vpr.errors import EventError, UsageError, expect
 from edge_vpr.events import (
-    EVENT_DTYPE,
     TIME_LIMIT_US,
     Events,
     Sensor,
     as_events,
-    check_event_array,
 )
 from edge_vpr.map_record import MapRecord
 from edge_vpr.matching.prediction import check_no_transitions
@@ -44,7 +42,6 @@ from edge_vpr.online.runs import (
     join_matches,
 )
 from edge_vpr.online.schedule import MatchSchedule
-from edge_vpr.recordings.reading import UnitCheck
 from edge_vpr.route import MOST_MM, OdometerCheck, Odometry
 from edge_vpr.settings import Settings
 
@@ -77,14 +74,7 @@ class Localiser:
         Schedule of matches: ``"event"``, a number of events such as ``"100"``, a time such as
         ``"50ms"``, ``"window"``, or ``"change"`` of the place. By default after each event. There
         is no match before the L windows are complete.
-
-    Attributes
-    ----------
-    unit_check : UnitCheck or None
-        Doubts the unit of the times that are fed; None (the default) where they are known.
     """
-
-    unit_check: UnitCheck | None = None
 
     def __init__(self, reference: MapRecord, *, every: str | MatchSchedule | None = None) -> None:
         expect(reference, MapRecord, "reference", "a ReferenceMap, as of ReferenceMap.load(path)")
@@ -132,7 +122,7 @@ class Localiser:
 
         Parameters
         ----------
-        events : ndarray with fields t, x and y, shape (n,)
+        events : Events
             In time order, and not earlier than previous events.
 
         Returns
@@ -147,35 +137,24 @@ class Localiser:
         UsageError
             If time jumps over more than a million ticks of the schedule.
         """
-        try:
-            if not events.size:
-                return NO_MATCHES
-            if type(events) is not np.ndarray or events.dtype != EVENT_DTYPE:
-                events = as_events(events)
-            elif not events.flags.carray:
-                events = events.copy()
-        except (AttributeError, IndexError, ValueError):
-            check_event_array(events)  # only now, since it takes as long as a few events
-            raise
-        unseen_time, last_us = self.run.unseen_time, int(events["t"][-1])
+        events = as_events(events)
+        if not events.size:
+            return NO_MATCHES
+        unseen_time, last_us = self.run.unseen_time, int(events.t[-1])
         if not unseen_time.is_near(last_us):
             self._check(events)
-            if self.unit_check is not None:
-                self.unit_check.feed(events)
             return join_matches(self._update_over_gaps(events))
         stop = self.run.process(events)
         if stop[1] == REFUSED:
             self._check(events)
         unseen_time.seen_us, unseen_time.told = last_us, False
-        if self.unit_check is not None:
-            self.unit_check.feed(events)
         return join_matches(self.run.go_on(stop))
 
     def _update_over_gaps(self, events: Events) -> MatchRows:
         """Feed checked events, and tell the run when nothing was seen between them."""
         run, found, begin = self.run, [], 0
-        for time_us, halves in run.unseen_time.feed(events["t"]):
-            end = int(np.searchsorted(events["t"], time_us))
+        for time_us, halves in run.unseen_time.feed(events.t):
+            end = int(np.searchsorted(events.t, time_us))
             if end > begin:
                 found += run.go_on(run.process(events[begin:end]))
                 begin = end
@@ -184,9 +163,9 @@ class Localiser:
         return found + run.go_on(run.process(events[begin:]))
 
     def _check(self, events: Events) -> None:
-        """Raise the error of events of EVENT_DTYPE, if there is one."""
+        """Raise the error of events, if there is one."""
         check_order(events, self.run.floor_us, self._reference.pixel_map.sensor)
-        self.every.check_ticks(self.run.next_tick, int(events["t"][-1]))
+        self.every.check_ticks(self.run.next_tick, int(events.t[-1]))
 
     @property
     def selected(self) -> int:
@@ -221,11 +200,6 @@ class Localiser:
             found += self.run.advance(max(time_us, floor_us))
             self.run.unseen(halves)
         return join_matches(found + self.run.advance(until_us))
-
-    def finish(self) -> None:
-        """End the drive: check the unit of the times of few events too."""
-        if self.unit_check is not None:
-            self.unit_check.finish()
 
     def read_odometer(
         self, time_us: int, distance_m: float, *, checked: bool = True
@@ -362,8 +336,8 @@ class OdometryFeed:
         if events.size == 0:
             return []
         found, begin = [], 0
-        stop = self._read_by(int(events["t"][-1]))
-        at = np.searchsorted(events["t"], self._times[self._read : stop], side="right").tolist()
+        stop = self._read_by(int(events.t[-1]))
+        at = np.searchsorted(events.t, self._times[self._read : stop], side="right").tolist()
         for reading, first in zip(range(self._read, stop), at, strict=True):
             if first > begin:
                 found.append(self._localiser.update(events[begin:first]))
@@ -381,7 +355,6 @@ class OdometryFeed:
             found = [self._reading(reading) for reading in range(self._read, stop)]
             self._read = stop
             found.append(self._localiser.advance(end_us))
-        self._localiser.finish()
         return found
 
     def _read_by(self, time_us: int) -> int:

@@ -74,6 +74,9 @@ class MatchRow(NamedTuple):
 MATCH_DTYPE = np.dtype(list(get_type_hints(MatchRow).items()))
 
 
+_NOTHING = NO_EVENTS.columns[:3]  # instead of events
+
+
 # Runs, which feed events to the kernel and do the work that needs Python when it returns.
 
 
@@ -198,7 +201,7 @@ class MatchRun:
     def _hold(self, state: OnlineState) -> None:
         self.state, self.kernel_state = state, SharedState(state).kernel_state
         self._process: Callable[..., Stop] = specialise(
-            process_events, self.kernel_state, NO_EVENTS, GO_ON
+            process_events, self.kernel_state, *_NOTHING, GO_ON
         )
 
     @property
@@ -221,16 +224,16 @@ class MatchRun:
         return int(self._control["now"])
 
     def process(self, events: Events) -> Stop:
-        """Call the kernel with events in a contiguous, writable array."""
+        """Call the kernel with events that are `Events.packed`."""
         if events.size > self.state.slots.size:
             # uninitialised: only pages with selected events take memory
             slots, times = np.empty(events.size, np.int32), np.empty(events.size, np.int64)
             self._hold(self.state._replace(slots=slots, times=times))
-        return self._process(self.kernel_state, events, GO_ON)
+        return self._process(self.kernel_state, events.t, events.x, events.y, GO_ON)
 
     def advance(self, until_us: int) -> MatchRows:
         """Advance the time without events."""
-        return self.go_on(self._process(self.kernel_state, NO_EVENTS, until_us))
+        return self.go_on(self._process(self.kernel_state, *_NOTHING, until_us))
 
     def go_on(self, stop: Stop) -> MatchRows:
         """Call the kernel until all events are processed, and return all matches.
@@ -255,7 +258,7 @@ class MatchRun:
                 self._hold(self.state._replace(windows=grown(self.state.windows)))
             elif why == WINDOW_OVER:
                 self._window_over()
-            stop = self._process(self.kernel_state, NO_EVENTS, GO_ON)
+            stop = self._process(self.kernel_state, *_NOTHING, GO_ON)
 
     def unseen(self, halves: int) -> None:
         """Note that nothing was seen for so many halves of a window, until now."""

@@ -14,7 +14,6 @@ import contextlib
 import io
 import os
 import stat
-import warnings
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from fractions import Fraction
@@ -26,13 +25,12 @@ import numpy as np
 
 from edge_vpr.errors import (
     EdgeVprError,
-    EdgeVprWarning,
     RecordingError,
     UsageError,
     as_path,
     expect,
 )
-from edge_vpr.events import Events, Sensor, SensorSize, in_order
+from edge_vpr.events import Events, Sensor, SensorSize, as_events, in_order
 from edge_vpr.files import check_absent, open_input, replacing
 from edge_vpr.plugins import Registry
 from edge_vpr.recordings.decoding import ArrayStream
@@ -40,7 +38,6 @@ from edge_vpr.recordings.frames import CountFrames, parse_period, read_count_fra
 from edge_vpr.recordings.memory import FORMAT as MEMORY
 from edge_vpr.recordings.memory import EventData, MemorySource, is_event_data
 from edge_vpr.recordings.numpy_files import Archive
-from edge_vpr.recordings.prophesee import encoding_of
 from edge_vpr.recordings.reading import (
     CHUNK_EVENTS,
     NO_CAMERA,
@@ -126,6 +123,10 @@ FORMATS: dict[str, Format] = {each.name: each for each in (
     Format("rosbag1", "ROS 1 bag", ".rosbag:BagSource", "", (".bag",)),
     Format("rosbag2", "ROS 2 bag", ".rosbag:BagSource", "", (".db3", ".mcap")),
 )}  # fmt: skip
+#: What `sniff` calls a file whose header states its encoding; the reader finds which.
+RAW = "raw"
+_RAW = Format("", "Prophesee RAW", ".prophesee:EvtSource")
+_TEXT = (".csv", ".txt", ".tsv")
 #: Suffixes of the formats of this package that can be written.
 WRITTEN = tuple(suffix for each in FORMATS.values() if each.sink for suffix in each.suffixes)
 
@@ -262,15 +263,14 @@ def open_recording(
         with foreign_errors(path):
             if chosen is None:
                 try:
-                    chosen = FORMATS[sniff(path)]
+                    name = sniff(path)
+                    chosen = _RAW if name == RAW else FORMATS[name]
                 except RecordingError:
                     chosen = _plugin_of(path.suffix.lower())
                     if chosen is None:
                         raise
             options = replace(options, format=chosen.name)
             recording = Recording(chosen.open_source(path, options), on_fault)
-    if recording.remark:
-        warnings.warn(f"{recording.path}: {recording.remark}", EdgeVprWarning, stacklevel=2)
     return recording if crop is None else recording.cropped(crop)
 
 
@@ -322,7 +322,7 @@ def sniff(path: Path) -> str:
         # these formats have no signature; the first bytes identify all others
         if head.startswith((b"\xff\xfe", b"\xfe\xff")):
             raise RecordingError(f"{path} is text in UTF-16: save it as UTF-8")
-        if suffix in (".csv", ".txt", ".tsv") and b"\0" not in head:
+        if suffix in _TEXT and b"\0" not in head:
             return "csv"
         if suffix == ".dat" and head.startswith(b"%"):
             raise RecordingError(f"{path} is a DAT file: {_BY_FAERY}")
@@ -360,8 +360,8 @@ def _sniff_bytes(path: Path, head: bytes) -> str | None:
             return name
     if head.startswith(b"Event Stream"):
         raise RecordingError(f"{path} is an Event Stream: {_BY_FAERY}")
-    if head.startswith(b"% "):
-        return encoding_of(path)
+    if head.startswith(b"% ") and path.suffix.lower() not in (*_TEXT, ".dat"):
+        return RAW
     for magic, program in (
         (b"\x1f\x8b", "gzip"),
         (b"\xfd7zXZ\0", "xz"),
@@ -447,7 +447,7 @@ def write_recording(
     ----------
     path : str or Path
         With one of the suffixes of `WRITTEN`; .raw is EVT 2.0.
-    events : Recording, other iterable of event arrays, or one event array
+    events : Recording, other iterable of events, or events
         In time order, with times counted from the start.
     sensor : Sensor, optional
         Needed unless `events` has an attribute `sensor`, as a recording does.
@@ -475,8 +475,10 @@ def write_recording(
         raise UsageError(f"{path} needs the size of the sensor: pass sensor=")
     sensor = Sensor.of(sensor)
     check_absent(path, overwrite)
-    chunks = [events] if isinstance(events, np.ndarray) else events
-    expect(chunks, Iterable, "events", "an event array, or a recording that yields them")
+    chunks: Iterable[Events] = (
+        [as_events(events)] if isinstance(events, Events | np.ndarray) else events
+    )
+    expect(chunks, Iterable, "events", "events, or a recording that yields them")
     try:
         with replacing(path) as part:
             n = _fill(entry.open_sink(part, sensor, start_us), chunks, sensor)

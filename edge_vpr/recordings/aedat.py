@@ -7,7 +7,7 @@ import struct
 import xml.etree.ElementTree as ElementTree
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import IO, NamedTuple
+from typing import IO, BinaryIO, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -16,12 +16,12 @@ from edge_vpr.errors import RecordingError, UsageError
 from edge_vpr.events import Sensor
 from edge_vpr.recordings.decoding import (
     LIMIT_BYTES,
+    RecordFile,
     Unwrapper,
     Wording,
     choose_stream,
     is_text,
     lz4,
-    read_records,
     zstd,
 )
 from edge_vpr.recordings.reading import Columns, FaultLog, ReadOptions, Source, in_chunks
@@ -85,13 +85,13 @@ class Pairs(NamedTuple):
     position: float
 
 
-def read_pairs(path: Path, start: int, number: int, log: FaultLog) -> Iterator[Pairs]:
-    """Yield the pairs of a file from byte `start` on, up to `number` at a time.
+def read_pairs(file: RecordFile[str], number: int, log: FaultLog) -> Iterator[Pairs]:
+    """Yield the pairs of a file, up to `number` at a time.
 
     `position` is the share of the file up to the end of the part.
     """
     clock = Unwrapper(32)
-    for pairs, position in read_records(path, start, _AEDAT2_EVENT, number, log):
+    for pairs, position in file.blocks(_AEDAT2_EVENT, number, log):
         yield Pairs(pairs["address"].astype(np.int64), clock.unwrap(pairs["t"]), position)
 
 
@@ -102,7 +102,8 @@ class Aedat2Source(Source):
     """
 
     def __init__(self, path: Path, options: ReadOptions) -> None:
-        self._skip, chip = read_header(path)
+        self._file = RecordFile(path, read_header)
+        chip = self._file.header
         size = chip_size(chip)
         if size is None and chip:
             raise RecordingError(
@@ -127,7 +128,7 @@ class Aedat2Source(Source):
         layout = self._layout
         right, top = self._sensor.width - 1, self._sensor.height - 1
         n = self.options.chunk_events
-        for address, t, position in read_pairs(self.path, self._skip, n, log):
+        for address, t, position in read_pairs(self._file, n, log):
             self.position = position
             change = address & layout.other == 0
             address, t = address[change], t[change]
@@ -139,18 +140,17 @@ class Aedat2Source(Source):
             )
 
 
-def read_header(path: Path) -> tuple[int, str]:
-    """Return the length of the header, and the chip that it names; "" if it names none."""
+def read_header(file: BinaryIO) -> tuple[str, int]:
+    """Return the chip that the header names, "" if it names none, and the length of the header."""
     n, chip = 0, ""
-    with path.open("rb") as file:
-        # data may begin with the byte of "#", too
-        while (line := file.readline(1 << 16)).startswith(b"#") and is_text(line):
-            n += len(line)
-            if match := re.match(rb"#\s*AEChip:\s*(\S+)", line):
-                chip = match[1].decode("ascii", "replace")
-            if line.startswith((b"# End Of ASCII", b"#End Of ASCII")):
-                break
-    return n, chip
+    # data may begin with the byte of "#", too
+    while (line := file.readline(1 << 16)).startswith(b"#") and is_text(line):
+        n += len(line)
+        if match := re.match(rb"#\s*AEChip:\s*(\S+)", line):
+            chip = match[1].decode("ascii", "replace")
+        if line.startswith((b"# End Of ASCII", b"#End Of ASCII")):
+            break
+    return chip, n
 
 
 # The container of AEDAT 3.1, written by cAER: a text header, then packets of events of one type.

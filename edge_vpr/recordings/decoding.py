@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import io
 import math
+import os
 import re
 import sys
 import warnings
+import weakref
 from collections.abc import Callable, Iterator, Mapping
 from importlib import import_module
 from pathlib import Path
-from typing import IO, Any, NamedTuple
+from typing import IO, Any, BinaryIO, Generic, NamedTuple, TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -207,21 +209,46 @@ def is_text(line: bytes) -> bool:
     return line.endswith(b"\n") and not re.search(rb"[\0-\x08\x0b\x0c\x0e-\x1f\x7f]", line)
 
 
-def read_records(
-    path: Path, start: int, dtype: np.dtype[Any], number: int, log: FaultLog, what: str = "an event"
-) -> Iterator[tuple[npt.NDArray[Any], float]]:
-    """Yield the records from byte `start` on, up to `number` at a time.
+Header = TypeVar("Header")
 
-    Beside each part is the share of the file up to its end. `what` names a record in the report of
-    a last one that is cut off.
+
+class RecordFile(Generic[Header]):
+    """A file of records behind a header, which is opened once for header and records.
+
+    Parameters
+    ----------
+    read_header : callable
+        Takes the open file, and returns the header and its length in bytes.
+
+    Attributes
+    ----------
+    header : object
+        As `read_header` returns it.
     """
-    size = max(1, path.stat().st_size)
-    with path.open("rb") as file:
-        file.seek(start)
-        while data := file.read(number * dtype.itemsize):
-            yield np.frombuffer(data, dtype, len(data) // dtype.itemsize), file.tell() / size
-            if leftover := len(data) % dtype.itemsize:
-                log.truncated(leftover, f"byte {size - leftover:,}, within {what}")
+
+    def __init__(self, path: Path, read_header: Callable[[BinaryIO], tuple[Header, int]]) -> None:
+        self._path = path
+        self._opened = path.open("rb")
+        # closed with this object, if no pass takes it
+        self._close = weakref.finalize(self, self._opened.close)
+        self.header, self._skip = read_header(self._opened)
+
+    def blocks(
+        self, dtype: np.dtype[Any], number: int, log: FaultLog, what: str = "an event"
+    ) -> Iterator[tuple[npt.NDArray[Any], float]]:
+        """Yield the records, up to `number` at a time.
+
+        Beside each part is the share of the file up to its end. `what` names a record in the report
+        of a last one that is cut off.
+        """
+        file = self._opened if self._close.detach() else self._path.open("rb")
+        with file:
+            size = max(1, os.fstat(file.fileno()).st_size)
+            file.seek(self._skip)
+            while data := file.read(number * dtype.itemsize):
+                yield np.frombuffer(data, dtype, len(data) // dtype.itemsize), file.tell() / size
+                if leftover := len(data) % dtype.itemsize:
+                    log.truncated(leftover, f"byte {size - leftover:,}, within {what}")
 
 
 # Choice of one of the streams of a file, by its name or its number.

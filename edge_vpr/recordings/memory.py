@@ -11,9 +11,9 @@ import numpy as np
 import numpy.typing as npt
 
 from edge_vpr.errors import RecordingError, UsageError, kind_of
-from edge_vpr.events import EVENT_DTYPE, Sensor
+from edge_vpr.events import EVENT_DTYPE, Events, Sensor
 from edge_vpr.recordings.reading import Columns, FaultLog, ReadOptions, Source
-from edge_vpr.recordings.table import array_columns, check_order, match_columns, tidy
+from edge_vpr.recordings.table import array_columns, match_columns, tidy
 
 
 class NamedTable(Protocol):
@@ -27,10 +27,10 @@ class NamedTable(Protocol):
         """Return a column."""
 
 
-#: Events in memory: a structured array, an array with a column for each of t, x, y and p, these
-#: four as a sequence, or a table of them by name (a DataFrame, a mapping).
+#: Events in memory: `Events`, a structured array, an array with a column for each of t, x, y and p,
+#: these four as a sequence, or a table of them by name (a DataFrame, a mapping).
 EventData: TypeAlias = (
-    npt.NDArray[Any] | Sequence[npt.ArrayLike] | Mapping[str, npt.ArrayLike] | NamedTable
+    Events | npt.NDArray[Any] | Sequence[npt.ArrayLike] | Mapping[str, npt.ArrayLike] | NamedTable
 )
 #: Stands for a path in messages.
 _PLACE = Path("the event data")
@@ -42,7 +42,7 @@ def is_event_data(given: object) -> bool:
     if hasattr(given, "sensor"):  # an `EventSource`, which can be a named tuple
         return False
     return (
-        isinstance(given, np.ndarray | tuple | list)
+        isinstance(given, Events | np.ndarray | tuple | list)
         or column_names(given) is not None
         or hasattr(given, "__array__")
         or _is_data_set(given)
@@ -68,8 +68,10 @@ def _is_sample(given: object) -> bool:
     if not isinstance(given, tuple | list) or len(given) != 2:
         return False
     events = given[0]
-    return column_names(events) is not None or (
-        isinstance(events, np.ndarray) and (events.dtype.names is not None or events.ndim == 2)
+    return (
+        isinstance(events, Events)
+        or column_names(events) is not None
+        or (isinstance(events, np.ndarray) and (events.dtype.names is not None or events.ndim == 2))
     )
 
 
@@ -81,7 +83,7 @@ def _refuse_several(given: object) -> None:
     if all(isinstance(each, str | Path) for each in given):
         several = len(given)
     if several > 1 or several == len(given) == 1:
-        parts = all(isinstance(each, np.ndarray) for each in given)
+        parts = all(isinstance(each, Events | np.ndarray) for each in given)
         raise UsageError(
             f"a drive is one recording, and the {type(given).__name__} holds {several}: give "
             + ("np.concatenate of them if they are parts of one drive, else " * parts)
@@ -92,6 +94,8 @@ def _refuse_several(given: object) -> None:
 def _is_recording(one: object) -> bool:
     """Return whether an object is a recording, or events with names."""
     if hasattr(one, "sensor") and hasattr(one, "__iter__"):
+        return True
+    if isinstance(one, Events):
         return True
     names = one.dtype.names if isinstance(one, np.ndarray) else column_names(one)
     return names is not None and match_columns(list(names), None) is not None
@@ -128,7 +132,9 @@ class MemorySource(Source):
             listed = ", ".join(f"{name} {shape}" for name, shape in sizes.items())
             raise RecordingError(f"the event data has columns of shapes {listed}: give equal ones")
         # times of this package's own arrays count from the start of their recording
-        own = isinstance(given, np.ndarray) and given.dtype == EVENT_DTYPE
+        own = isinstance(given, Events) or (
+            isinstance(given, np.ndarray) and given.dtype == EVENT_DTYPE
+        )
         super().__init__(_PLACE, options, start_us=0 if own else None)
 
     def chunks(self, log: FaultLog) -> Iterator[Columns]:
@@ -143,6 +149,8 @@ class MemorySource(Source):
 def _columns_of(given: Any, options: ReadOptions) -> tuple[dict[str, npt.NDArray[Any]], str | None]:
     """Return the columns t, x, y and perhaps p as arrays, and the unit of t if it is stated."""
     order = options.columns
+    if isinstance(given, Events):
+        return dict(zip("txyp", given.columns, strict=True)), options.time_unit
     if (names := column_names(given)) is not None:
         named = match_columns(names, order)
         if named is None:
@@ -163,14 +171,9 @@ def _columns_of(given: Any, options: ReadOptions) -> tuple[dict[str, npt.NDArray
                 "sample its events, such as dataset[0][0]"
             )
         arrays = [np.asarray(column) for column in given]
-        if order is None and all(a.ndim == 1 and a.dtype.kind in "iufb" for a in arrays):
-            rows = min(1_000, *(len(a) for a in arrays))
-            check_order(_PLACE, np.column_stack([a[:rows] for a in arrays]))
         found = {name: a for name, a in zip(wanted, arrays, strict=True) if name != "-"}
         return found, options.time_unit
     array = np.asarray(given)
-    if array.dtype.names is None and array.ndim == 2 and order is None:
-        check_order(_PLACE, array[:1_000])
     if array.ndim == 0:
         raise UsageError(f"the event data is {kind_of(given)}: give an array of events")
     if array.ndim > 2:

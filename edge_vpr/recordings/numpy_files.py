@@ -16,7 +16,7 @@ from edge_vpr.errors import RecordingError, UsageError
 from edge_vpr.events import EVENT_DTYPE, Events, Sensor
 from edge_vpr.recordings.decoding import ArrayStream
 from edge_vpr.recordings.reading import Columns, FaultLog, ReadOptions, Source
-from edge_vpr.recordings.table import Named, array_columns, check_order, match_columns, tidy
+from edge_vpr.recordings.table import Named, array_columns, match_columns, tidy
 
 # ``.npy``: a structured array, or four columns.
 
@@ -26,7 +26,7 @@ class NpySource(Source):
 
     def __init__(self, path: Path, options: ReadOptions) -> None:
         with path.open("rb") as file:
-            _check_array(ArrayStream(file, str(path)), path, options)
+            _check_array(ArrayStream(file, str(path)), options)
         super().__init__(path, options)
 
     def chunks(self, log: FaultLog) -> Iterator[Columns]:
@@ -35,10 +35,8 @@ class NpySource(Source):
             yield from _array_chunks(self, ArrayStream(file, str(self.path)), log, None)
 
 
-def _check_array(stream: ArrayStream, path: Path, options: ReadOptions) -> None:
-    """Refuse an array that holds no events, or whose columns seem to be in another order."""
-    if options.columns is None and len(stream.shape) == 2 and stream.dtype.kind in "iuf":
-        check_order(path, stream.read(1_000)[0])
+def _check_array(stream: ArrayStream, options: ReadOptions) -> None:
+    """Refuse an array that holds no events."""
     array_columns(stream.name, stream.dtype, stream.shape, options.columns)
 
 
@@ -47,7 +45,7 @@ def _array_chunks(
 ) -> Iterator[Columns]:
     """Yield the events of one array of events, and set the position of `source`."""
     named = array_columns(stream.name, stream.dtype, stream.shape, source.options.columns)
-    unit, log.unused = source.options.time_unit or named.unit or unit, named.unused
+    unit = source.options.time_unit or named.unit or unit
     for rows in stream.blocks(source.options.chunk_events, log, "event {:,} of {:,}"):
         source.position = stream.rows_read / stream.shape[0]
         yield tidy(named.of(rows), unit, log, stream.rows_read - len(rows))
@@ -179,7 +177,7 @@ class NpzSource(Source):
                     "x, y (and p), or events"
                 )
             if isinstance(table, str):
-                _check_array(archive.stream(table), path, options)
+                _check_array(archive.stream(table), options)
             self._table = table
             start = None if schema is None else archive.scalar("start_us")
             start_us = None if start is None else int(start)
@@ -256,7 +254,7 @@ class NpzSink:
 
     def write(self, events: Events) -> None:
         """Append events."""
-        self._file.write(np.ascontiguousarray(events, EVENT_DTYPE).tobytes())
+        self._file.write(np.asarray(events).tobytes())
         self._number += events.size
 
     def close(self) -> None:

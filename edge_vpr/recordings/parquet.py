@@ -41,7 +41,7 @@ class ParquetSource(Source):
                 f"{path} has the columns {', '.join(schema.names)}, and not t, x, y, p: name all "
                 "of them in their order with columns="
             )
-        self._names, self._unused = found.fields, found.unused
+        self._names = found.fields
         self._check_types(path, schema)
         super().__init__(path, options)
         self._unit = options.time_unit or found.unit
@@ -61,7 +61,7 @@ class ParquetSource(Source):
 
     def chunks(self, log: FaultLog) -> Iterator[Columns]:
         """Yield the events; see :class:`Source`."""
-        entry, log.unused = 0, self._unused
+        entry = 0
         with self._open(self.path) as file:
             batches = file.iter_batches(
                 self.options.chunk_events, columns=list(self._names.values()), use_threads=False

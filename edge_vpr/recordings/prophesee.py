@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, BinaryIO, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -13,7 +14,7 @@ import numpy.typing as npt
 from edge_vpr.compiling import kernel
 from edge_vpr.errors import RecordingError
 from edge_vpr.events import Events, Sensor
-from edge_vpr.recordings.decoding import is_text, read_records
+from edge_vpr.recordings.decoding import RecordFile, is_text
 from edge_vpr.recordings.reading import Columns, FaultLog, ReadOptions, Source, empty_columns
 
 # The text header of Prophesee's RAW files.
@@ -41,16 +42,19 @@ class Header(NamedTuple):
     """Content of the lines that begin with ``%``."""
 
     fields: dict[str, str]
-    n_bytes: int
 
     @property
     def encoding(self) -> str | None:
         """Name of the format; None if no line states it."""
-        if "format" in self.fields:
-            return _FORMATS.get(self.fields["format"].split(";")[0].strip().upper())
-        if "evt" in self.fields:
-            return _VERSIONS.get(self.fields["evt"])
-        return None
+        stated = self.fields.get("format") or self.fields.get("evt")
+        if stated is None:
+            return None
+        known = _FORMATS if "format" in self.fields else _VERSIONS
+        if name := known.get(stated.split(";")[0].strip().upper()):
+            return name
+        raise RecordingError(
+            f"Prophesee encoding {stated!r} is not read: convert it to EVT2, EVT2.1 or EVT3"
+        )
 
     @property
     def sensor(self) -> Sensor | None:
@@ -90,40 +94,26 @@ class Header(NamedTuple):
         return dict(part.split("=", 1) for part in parts if "=" in part)
 
 
-def read_header(path: Path) -> Header:
-    """Read the header lines of a file.
+def read_header(file: BinaryIO) -> tuple[Header, int]:
+    """Read the header lines of a file; return the header, and its length in bytes.
 
     Header lines are text and begin with ``%``. The header ends before the first other line, or
     after ``% end``.
     """
     fields: dict[str, str] = {}
     at = 0
-    with path.open("rb") as file:
-        while (line := file.readline(_LONGEST_LINE)).startswith(b"% "):
-            # data may begin with the byte of "%", too
-            if not is_text(line):
-                break
-            at += len(line)
-            if at > _LONGEST_HEADER:
-                raise RecordingError(
-                    f"{path} is damaged: its header has more than {_LONGEST_HEADER:,} bytes"
-                )
-            key, _, value = line[1:].decode("utf-8", "replace").strip().partition(" ")
-            if key == "end":
-                break
-            fields[key] = value.strip()
-    return Header(fields, at)
-
-
-def encoding_of(path: Path) -> str | None:
-    """Return the format of a file that begins with ``%``; None if its header does not state it."""
-    header = read_header(path)
-    if header.encoding is None and ("format" in header.fields or "evt" in header.fields):
-        named = header.fields.get("format") or header.fields.get("evt")
-        raise RecordingError(
-            f"Prophesee encoding {named!r} is not read: convert it to EVT2, EVT2.1 or EVT3"
-        )
-    return header.encoding
+    # data may begin with the byte of "%", too
+    while (line := file.readline(_LONGEST_LINE)).startswith(b"% ") and is_text(line):
+        at += len(line)
+        if at > _LONGEST_HEADER:
+            raise RecordingError(
+                f"the header has more than {_LONGEST_HEADER:,} bytes: copy or record it again"
+            )
+        key, _, value = line[1:].decode("utf-8", "replace").strip().partition(" ")
+        if key == "end":
+            break
+        fields[key] = value.strip()
+    return Header(fields), at
 
 
 def _header_lines(sensor: Sensor, start_us: int) -> bytes:
@@ -160,12 +150,12 @@ def evt2_event_words(events: Events) -> npt.NDArray[np.uint32]:
     ndarray of uint32, shape (n,)
         4 bits kind, 6 bits time, 11 bits column, 11 bits row.
     """
-    low = events["t"] & ((1 << EVT2_LOW_BITS) - 1)
+    low = events.t & ((1 << EVT2_LOW_BITS) - 1)
     return np.asarray(
-        events["p"].astype(np.uint32) << 28
+        events.p.astype(np.uint32) << 28
         | low.astype(np.uint32) << 22
-        | events["x"].astype(np.uint32) << 11
-        | events["y"],
+        | events.x.astype(np.uint32) << 11
+        | events.y,
         dtype="<u4",
     )
 
@@ -203,20 +193,20 @@ STATE = np.dtype(
 _LEAST_MARGIN = 10
 
 
-@kernel
+@kernel(inner=True)
 def _advance(s, high):  # type: ignore[no-untyped-def]
     """Advance the time base of EVT 2.0 or 2.1, 28 bits, to a new value of the high time bits.
 
     The shorter direction decides between a wrap and a step back; a step back is kept.
     """
-    if s.before < 0:
-        s.time_base = high
+    if s["before"] < 0:
+        s["time_base"] = high
     else:
-        s.time_base += ((high - s.before + (1 << 27)) & ((1 << 28) - 1)) - (1 << 27)
-    s.high = s.before = high
+        s["time_base"] += ((high - s["before"] + (1 << 27)) & ((1 << 28) - 1)) - (1 << 27)
+    s["high"] = s["before"] = high
 
 
-@kernel
+@kernel(inner=True)
 def _advance_evt3(s, high):  # type: ignore[no-untyped-def]
     """Advance the time base of EVT 3.0, 12 bits, to a new value of the high time bits.
 
@@ -224,40 +214,73 @@ def _advance_evt3(s, high):  # type: ignore[no-untyped-def]
     "Nearly" is twice the usual step: cameras repeat the time all along, so that it rises by 1, but
     some writers state it only with events, which can be far apart.
     """
-    if s.before < 0:
-        s.time_base, s.stride = high, 1024
+    if s["before"] < 0:
+        s["time_base"], s["stride"] = high, 1024
     else:
-        step = high - s.before
+        step = high - s["before"]
         if step >= 4096 - _LEAST_MARGIN:
             step -= 4096  # a late word, just after a wrap
-        elif step <= max(_LEAST_MARGIN, 2 * s.stride) - 4096:
+        elif step <= max(_LEAST_MARGIN, 2 * s["stride"]) - 4096:
             step += 4096
-        s.time_base += step
+        s["time_base"] += step
         # the step to a single false time must not make the step back a wrap
-        step = min(step, 2 * s.stride + 16, 1024)
-        s.stride = max(step, s.stride - (s.stride + 15) // 16)
-    s.high = s.before = high
+        step = min(step, 2 * s["stride"] + 16, 1024)
+        s["stride"] = max(step, s["stride"] - (s["stride"] + 15) // 16)
+    s["high"] = s["before"] = high
+
+
+#: Words that are decoded at once, so that what is kept of them stays in a core's first-level cache.
+_BLOCK = 1_024
+_HIGH_MASK = np.uint32((1 << EVT2_HIGH_BITS) - 1)
 
 
 @kernel
 def decode_evt2(words, state, t, x, y, p):  # type: ignore[no-untyped-def]
     """Decode 32-bit words: 4 bits type, 6 bits time, 11 bits column, 11 bits row."""
-    s, n = state[0], 0
-    for word32 in words:
-        word = np.int64(word32)
-        kind = word >> 28
-        if kind < 2:
-            if s.high < 0:
-                s.undated += 1
-                continue
-            t[n] = (s.time_base << 6) | ((word >> 22) & 63)
-            x[n] = (word >> 11) & 2047
-            y[n] = word & 2047
+    s, n = state[0], np.uint64(0)
+    for start in range(0, words.size, _BLOCK):
+        block, first = words[start : start + _BLOCK], n
+        # Without a branch: every word is written as an event, and the next one overwrites it unless
+        # it is one. Where the time may wrap, the block is decoded again.
+        top = s["time_base"] & ~np.int64(_HIGH_MASK)
+        before = now = np.uint32(s["time_base"] & np.int64(_HIGH_MASK))
+        changed = np.uint32(0)
+        for i in range(block.size):
+            word = block[i]
+            kind = word >> np.uint32(28)
+            t[n] = (top | np.int64(now)) << 6 | np.int64(word >> np.uint32(22) & np.uint32(63))
+            x[n] = word >> np.uint32(11) & np.uint32(2047)
+            y[n] = word & np.uint32(2047)
             p[n] = kind == 1
-            n += 1
-        elif kind == 8:
-            _advance(s, word & 0xFFFFFFF)
-    return n
+            n += np.uint64(kind < 2)
+            now = word & _HIGH_MASK if kind == 8 else now
+            changed |= now ^ before
+        if s["high"] >= 0 and changed >> np.uint32(27) == 0:
+            s["time_base"] = top | np.int64(now)
+            s["high"] = s["before"] = np.int64(now)
+            continue
+        n = first
+        for i in range(block.size):
+            word = block[i]
+            kind = word >> np.uint32(28)
+            if kind == 8:
+                _advance(s, np.int64(word & _HIGH_MASK))
+            elif kind < 2 and s["high"] < 0:
+                s["undated"] += 1
+            elif kind < 2:
+                t[n] = s["time_base"] << 6 | np.int64(word >> np.uint32(22) & np.uint32(63))
+                x[n] = word >> np.uint32(11) & np.uint32(2047)
+                y[n] = word & np.uint32(2047)
+                p[n] = kind == 1
+                n += np.uint64(1)
+    return np.int64(n)
+
+
+#: Number of the only bit of a word that is set, by the top bits of its product with a de Bruijn
+#: sequence.
+_DE_BRUIJN = 0x077CB531
+_BIT = np.zeros(32, np.int64)
+_BIT[[(_DE_BRUIJN << i & 0xFFFFFFFF) >> 27 for i in range(32)]] = np.arange(32)
 
 
 @kernel
@@ -269,22 +292,17 @@ def decode_evt21(words, state, t, x, y, p):  # type: ignore[no-untyped-def]
         kind = top >> 28
         if kind < 2:
             valid = np.int64(word64 & np.uint64(0xFFFFFFFF))
-            first = (top >> 11) & 2047
-            time = (s.time_base << 6) | ((top >> 22) & 63)
+            first, time = top >> 11 & 2047, s["time_base"] << 6 | top >> 22 & 63
+            dated = s["high"] >= 0
             while valid:
-                bit = valid & -valid
-                if s.high < 0:
-                    s.undated += 1
-                else:
+                if dated:
                     t[n] = time
-                    column = first
-                    while bit > 1:
-                        bit >>= 1
-                        column += 1
-                    x[n] = column
+                    x[n] = first + _BIT[((valid & -valid) * _DE_BRUIJN & 0xFFFFFFFF) >> 27]
                     y[n] = top & 2047
                     p[n] = kind == 1
                     n += 1
+                else:
+                    s["undated"] += 1
                 valid &= valid - 1
         elif kind == 8:
             _advance(s, top & 0xFFFFFFF)
@@ -298,56 +316,66 @@ def decode_evt3(words, state, t, x, y, p):  # type: ignore[no-untyped-def]
     A new value of the high time bits sets the low ones to 0; the sensor sends the low bits next.
     Parts of the state that no word has stated yet are -1.
     """
-    s, n = state[0], 0
-    base, low, row, first, polarity = s.time_base, s.low, s.row, s.first, s.polarity
-    time = (base << 12) | low
-    dated = s.high >= 0 and low >= 0
-    for word16 in words:
-        word = np.int64(word16)
-        kind = word >> 12
-        if kind == 2:  # one event
-            if dated and row >= 0:
-                t[n] = time
-                x[n] = word & 2047
-                y[n] = row
-                p[n] = word & 2048 != 0
-                n += 1
-            else:
-                s.undated += 1
-        elif kind == 6 and s.high >= 0:  # low time bits; useless without high ones
-            low = word & 4095
-            time = (base << 12) | low
-            dated = True
-        elif kind == 0:  # row
-            row = word & 2047
-        elif kind == 4 or kind == 5:  # 12 or 8 columns, one bit each
-            width = 12 if kind == 4 else 8
-            valid = word & ((1 << width) - 1)
-            column = first
-            while valid:
-                if valid & 1:
-                    if dated and row >= 0 and first >= 0:
-                        t[n] = time
-                        x[n] = column
-                        y[n] = row
-                        p[n] = polarity != 0
-                        n += 1
+    s, n, start = state[0], 0, 0
+    low, row, column, polarity = s["low"], s["row"], s["first"], s["polarity"]
+    # Events are first packed to a word each, without a branch for single ones: every word is
+    # written, and the next one overwrites it unless it is an event. Bits 0 to 11 are column and
+    # polarity as in a word of EVT 3.0, 16 the row, 28 the 12th bit of the column, 32 the low time.
+    packed = np.empty(12 * _BLOCK, np.uint64)
+    while start < words.size:
+        high = s["high"]
+        dated = high >= 0 and low >= 0 and row >= 0
+        block = words[start : start + (_BLOCK if dated else 1)]
+        events, turned = np.uint64(0), False
+        rows, lows, highs = np.uint64(row << 16), np.uint64(low << 32), np.uint64(high)
+        for at in range(block.size):
+            word = np.uint64(block[at])
+            kind, value = word >> np.uint64(12), word & np.uint64(4095)
+            turned = (kind == 8) & (value != highs)
+            if turned:
+                break
+            if kind - np.uint64(3) < np.uint64(3):  # vectors
+                if kind == 3:  # the first column
+                    column = np.int64(value & np.uint64(2047))
+                    polarity = np.int64(value & np.uint64(2048))
+                    continue
+                width = 12 if kind == 4 else 8  # columns, one bit each
+                valid = np.int64(value) & ((1 << width) - 1)
+                at_column = column
+                while valid:
+                    if column >= 0:
+                        place = polarity | at_column & 2047 | (at_column & 2048) << 17
+                        packed[events] = rows | lows | np.uint64(place)
+                        events += np.uint64(valid & 1)
                     else:
-                        s.undated += 1
-                valid >>= 1
-                column += 1
-            # a column beyond the last one stays at 2048
-            first = min(first + width, 2048) if first >= 0 else first
-        elif kind == 8:  # high time bits
-            high = word & 4095
-            if high != s.high:
-                _advance_evt3(s, high)
-                base, low = s.time_base, min(low, 0)
-                time = base << 12
-        elif kind == 3:  # first column of the vectors that follow
-            first = word & 2047
-            polarity = word & 2048
-    s.low, s.row, s.first, s.polarity = low, row, first, polarity
+                        s["undated"] += valid & 1
+                    valid >>= 1
+                    at_column += 1
+                # a column beyond the last one stays at 2048
+                column = min(column + width, 2048) if column >= 0 else column
+                continue
+            packed[events] = rows | lows | value
+            events += np.uint64(kind == 2)
+            rows = value << np.uint64(16) if kind == 0 else rows
+            lows = value << np.uint64(32) if kind == 6 else lows
+        start += at + 1
+        row = np.int64(rows) >> 16 & 2047 if np.int64(rows) >= 0 else row
+        low = np.int64(lows) >> 32 if high >= 0 else np.int64(-1)  # useless without high ones
+        if dated:
+            base = s["time_base"] << 12
+            for i in range(np.int64(events)):
+                event = np.int64(packed[i])
+                t[n] = base | event >> 32
+                x[n] = event & 2047 | event >> 17 & 2048
+                y[n] = event >> 16 & 2047
+                p[n] = event & 2048 != 0
+                n += 1
+        else:
+            s["undated"] += np.int64(events)
+        if turned:
+            _advance_evt3(s, np.int64(words[start - 1]) & 4095)
+            low = min(low, 0)
+    s["low"], s["row"], s["first"], s["polarity"] = low, row, column, polarity
     return n
 
 
@@ -356,7 +384,7 @@ def decode_evt3(words, state, t, x, y, p):  # type: ignore[no-untyped-def]
 # The decoders are our own, for reasons that `docs/recordings.md` measures: eventcv reads EVT 2.1
 # as if it were 2.0, guesses the sensor of EVT 2.0 from the events where the header names none, and
 # maps the file, so that its resident memory grows with the file; the clock of expelliarmus for EVT
-# 3.0 runs away. The compiled decoders here need bounded memory and are three times as fast.
+# 3.0 runs away. The compiled decoders here need bounded memory.
 
 
 Words = npt.NDArray[Any]
@@ -392,37 +420,38 @@ class EvtWordDecoder:
     def __init__(self, encoding: str, capacity: int, endianness: str = "little") -> None:
         dtype, self.per_word, self._high_bits, self._kernel = _DECODERS[encoding]
         self.dtype = dtype.newbyteorder(">") if endianness == "big" else dtype
+        self._native = dtype.newbyteorder("=")
         self._swap = endianness == "legacy" and encoding == "evt21"
         unknown = {"high": -1, "before": -1, "low": -1, "row": -1, "first": -1}
         values = tuple(unknown.get(name, 0) for name in STATE.names or ())
-        state = np.array([values], dtype=STATE)
-        self._state, self._values = state.view(np.recarray), state[0]  # for the kernel; for Python
+        self._state = np.array([values], dtype=STATE)
         self._columns = empty_columns(capacity * self.per_word)
 
     def lose(self) -> None:
         """Handle a loss of words: time and place are unknown until words state them again."""
         for name in ("high", "low", "row", "first"):
-            self._values[name] = -1
+            self._state[name] = -1
 
     @property
     def wraps(self) -> int:
         """Number of wraps of the clock."""
-        return max(0, int(self._values["time_base"]) >> self._high_bits)
+        return max(0, self._state.item()[0] >> self._high_bits)
 
     def take_undated(self) -> int:
         """Return the number of dropped events since the last call.
 
         These came before the first words of time and place.
         """
-        n = int(self._values["undated"])
-        self._values["undated"] = 0
-        return n
+        undated: int = self._state.item()[-1]
+        if undated:
+            self._state["undated"] = 0
+        return undated
 
     def decode(self, words: Words) -> Columns:
         """Decode words; the returned columns are valid until the next call."""
         if words.size * self.per_word > self._columns.t.size:
             self._columns = empty_columns(words.size * self.per_word)
-        native = words.astype(words.dtype.newbyteorder("="), copy=False)
+        native = words if words.dtype.isnative else words.astype(self._native)
         if self._swap:
             native = native << np.uint64(32) | native >> np.uint64(32)
         t, x, y, p = self._columns
@@ -434,9 +463,17 @@ class EvtSource(Source):
     """Source of a RAW file: header lines, then words."""
 
     def __init__(self, path: Path, options: ReadOptions) -> None:
-        header = read_header(path)
+        self._file = RecordFile(path, read_header)
+        header = self._file.header
+        if not options.format:
+            if header.encoding is None:
+                raise RecordingError(
+                    f"{path} has no header that names its encoding: pass format=, one of evt2, "
+                    "evt21 and evt3"
+                )
+            options = replace(options, format=header.encoding)
         super().__init__(path, options, header.size(options), header.start_us)
-        self._skip, self._endianness = header.n_bytes, header.endianness
+        self._endianness = header.endianness
         if self._endianness not in ("little", "big", "legacy"):
             raise RecordingError(
                 f"{path} has the unknown endianness {self._endianness!r}: known are little, big "
@@ -447,9 +484,7 @@ class EvtSource(Source):
         """Yield the events; see :class:`Source`."""
         n = self.options.chunk_events
         decoder = EvtWordDecoder(self.options.format, n, self._endianness)
-        for words, position in read_records(
-            self.path, self._skip, decoder.dtype, n, log, what="a word"
-        ):
+        for words, position in self._file.blocks(decoder.dtype, n, log, what="a word"):
             self.position = position
             yield decoder.decode(words)
             log.undated(decoder.take_undated())
@@ -475,11 +510,11 @@ class Evt2Sink:
         RecordingError
             If there is a gap of more than 2.4 hours, which looks like a wrapped clock.
         """
-        if events["t"][0] < 0:
+        if events.t[0] < 0:
             raise RecordingError(
                 f"time {events['t'][0]} us is negative, which .raw cannot hold: use .npz"
             )
-        high = events["t"] >> 6
+        high = events.t >> 6
         steps = np.diff(high, prepend=self._high)
         if steps.max() >= 1 << 27:
             raise RecordingError(
@@ -490,7 +525,7 @@ class Evt2Sink:
         at = np.arange(events.size) + np.cumsum(new)
         words = np.empty(events.size + int(new.sum()), "<u4")
         words[at] = evt2_event_words(events)
-        words[at[new] - 1] = evt2_time_words(events["t"][new])
+        words[at[new] - 1] = evt2_time_words(events.t[new])
         self._file.write(words.tobytes())
         self._high = int(high[-1])
 

@@ -1,20 +1,19 @@
 """Recordings: the events of a reader are checked, cropped and yielded; faulty ones are counted.
 
 A reader of a format is a `Source`, which yields `Columns` of unchecked events. `Recording` checks
-them with a `FaultLog`, and yields arrays of events.
+them with a `FaultLog`, and yields `Events`.
 """
 
 from __future__ import annotations
 
 import contextlib
 import copy
-import math
-import warnings
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Generator, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, fields
 from fractions import Fraction
+from itertools import chain
 from pathlib import Path
 from typing import Any, Literal, NamedTuple, get_args
 
@@ -23,13 +22,12 @@ import numpy.typing as npt
 
 from edge_vpr.errors import (
     EdgeVprError,
-    EdgeVprWarning,
     MissingExtraError,
     RecordingError,
     UsageError,
     printable,
 )
-from edge_vpr.events import EVENT_DTYPE, LONGEST_SIDE, TIME_LIMIT_US, Events, Sensor
+from edge_vpr.events import LONGEST_SIDE, NO_EVENTS, TIME_LIMIT_US, Events, Sensor
 
 # What a reader yields.
 
@@ -220,23 +218,6 @@ def _damaged(path: Path, place: str, error: BaseException) -> RecordingError:
 
 
 _REMEDY = "read with on_fault='drop': {them} left out and counted"
-#: Share of faulty entries above which dropping them is no remedy.
-_NEARLY_ALL = 0.9
-#: Share of late events up to which dropping them is a remedy, and number that always is.
-_FEW_LATE, _FEW = 0.01, 10
-#: An event that lies further than this ahead of those before and after it is the wrong one.
-_AHEAD_US = 1_000_000
-#: A clock of 32 bits falls by `_WRAP_US` when it wraps, less the time between two events.
-_WRAP_US, _LONGEST_PAUSE_US = 1 << 32, 1 << 26
-#: Share of events off the sensor above which a camera's faulty words are not their cause.
-_MANY_OFF = 0.001
-_OFF_CAUSES = (
-    "check sensor=, whether x and y are swapped (columns='tyxp'), and whether they count from 1"
-)
-_CHECKS = (
-    "check sensor=, columns=, time_unit= and format=, and whether a time before them is far "
-    "too late"
-)
 
 
 @dataclass
@@ -246,8 +227,7 @@ class Faults:
     Attributes
     ----------
     backwards : int
-        Events earlier than an event before them; and single ones that lie more than a second ahead
-        of the events before and after them.
+        Events earlier than an event before them.
     off_sensor : int
         Events whose pixel does not exist.
     unreadable : int
@@ -284,7 +264,7 @@ class Faults:
 
 
 class FaultLog:
-    """Check raw columns, convert them to event arrays, and count faulty events.
+    """Check raw columns, convert them to events, and count faulty ones.
 
     Parameters
     ----------
@@ -307,115 +287,37 @@ class FaultLog:
         self.faults = Faults()
         self.entries = 0  #: events of the file seen so far, good or bad
         self.first_unreadable = ""  #: the first entry that is not an event, and why
-        self.assumed_unit: str | None = None  #: unit of times, if neither file nor caller states it
-        self.times_are_float32 = False
         self.without_polarity = False  #: whether a table has no column of it
-        self.unused: list[str] = []  #: names of further columns of a table
-        self.remarks: list[str] = []  #: warnings about implausible values
         self.last_us: int | None = None  #: time of the last good event so far
-        self.wrapped = ""  #: where a clock of 32 bits wrapped first
-        self._good = 0
-        self._turns = 0  # wraps less steps back over them
-        self._raw_us: int | None = None  # the file's last time so far
-        self._held: Columns | None = None  # a last event far ahead, judged by the next one
 
     def admit(self, columns: Columns) -> Events:
         """Check one chunk; chunks must come in the order of the file.
 
-        An event is late if any good event before it has a later time. A single event far ahead of
-        both its neighbours is faulty itself; several make all events after them late, which the
-        count shows.
+        An event is late if any good event before it has a later time.
 
         Returns
         -------
-        ndarray of EVENT_DTYPE, shape (n,)
-            The good events, in the order of the file; a new array.
+        Events
+            The good ones, in the order of the file, in columns of their own.
 
         Raises
         ------
         RecordingError
             At the first faulty event, unless faults are dropped.
         """
-        return self._admit(columns._replace(t=self._continued(columns.t)))
-
-    def _admit(self, columns: Columns, *, last: bool = False) -> Events:
-        """Check events whose clock is continued; the `last` of them are not held back."""
-        if self._held is not None:
-            columns = Columns(*map(np.concatenate, zip(self._held, columns, strict=True)))
-            self._held = None
+        entries = columns.t.size
+        if entries and not self._clean(columns):
+            columns = self._sift(columns)
+        self.entries += entries
         t, x, y, p = columns
-        open_end = not last
-        if t.size and not self._clean(columns):
-            (t, x, y, p), ends = self._sift(columns)
-            open_end &= ends
-        before = int(t[-2]) if t.size > 1 else self.last_us
-        if open_end and t.size and before is not None and int(t[-1]) - before > _AHEAD_US:
-            self._held = Columns(*(column[-1:].copy() for column in (t, x, y, p)))
-            t, x, y, p = t[:-1], x[:-1], y[:-1], p[:-1]
-            self.entries -= 1
-        self.entries += columns.t.size
-        self._good += t.size
-        events = np.empty(t.size, EVENT_DTYPE)
-        if t.size:
-            if self.origin_us is None:
-                self.origin_us = int(t[0])
-            self.last_us = int(t[-1])
-            np.subtract(t, self.origin_us, out=events["t"], casting="unsafe")
-            events["x"], events["y"] = x, y
-            events["p"] = p if p.dtype == np.bool_ else p > 0
-        return events
-
-    def _continued(self, t: npt.NDArray[Any]) -> npt.NDArray[Any]:
-        """Return times without the wraps of a clock of 32 bits, which tables may have."""
         if not t.size:
-            return t
-        raw = t.astype(np.int64, copy=False)
-        before = int(raw[0]) if self._raw_us is None else self._raw_us
-        self._raw_us, least = int(raw[-1]), _WRAP_US - _LONGEST_PAUSE_US
-        rises = raw[0] >= before and bool((raw[1:] >= raw[:-1]).all())
-        if not self._turns and rises and self._raw_us - before < least:
-            return t
-        steps = np.diff(raw, prepend=before)
-        turned = (np.abs(steps) >= least) & (np.abs(steps) < _WRAP_US)
-        turns = self._turns - np.cumsum(np.sign(steps) * turned)
-        self._turns = int(turns[-1])
-        wraps = np.maximum(turns, 0)  # a step ahead without a wrap before it is a gap
-        if not self.wrapped and wraps.any():
-            i = int(np.argmax(wraps > 0))
-            last = raw[i - 1] if i else before
-            self.wrapped = (
-                f"the clock fell from {last} to {raw[i]} us at event {self.entries + i:,}"
-            )
-        return raw + wraps * _WRAP_US
-
-    def finish(self) -> Events:
-        """End the pass over all of a file.
-
-        Returns
-        -------
-        ndarray of EVENT_DTYPE, shape (n,)
-            A last good event that :meth:`admit` has not returned, if there is one.
-
-        Raises
-        ------
-        RecordingError
-            If nearly all entries were faulty: the others are then good by chance.
-        """
-        none = np.empty(0, np.int64)
-        rest = self._admit(Columns(none, none, none, none), last=True)
-        faults = self.faults
-        bad = faults.backwards + faults.off_sensor + faults.unreadable
-        if self._good and bad > _NEARLY_ALL * (bad + self._good):
-            raise RecordingError(
-                f"{self.path}: nearly all of its entries are faulty ({faults}; {self._good:,} are "
-                f"good): {_CHECKS}"
-            )
-        return rest
-
-    def remark(self, text: str) -> None:
-        """Keep a remark, once."""
-        if text not in self.remarks:
-            self.remarks.append(text)
+            return NO_EVENTS
+        if self.origin_us is None:
+            self.origin_us = int(t[0])
+        self.last_us = int(t[-1])
+        on = p.copy() if p.dtype == np.bool_ else p > 0
+        times = np.subtract(t, self.origin_us, dtype=np.int64, casting="unsafe")
+        return Events(times, x.astype(np.uint16), y.astype(np.uint16), on)
 
     def truncated(self, n_bytes: int, where: str) -> None:
         """Report a cut-off end, with `n_bytes` left over at `where`."""
@@ -426,34 +328,12 @@ class FaultLog:
             )
         self.faults.truncated += n_bytes
 
-    def unreadable(self, n: int, where: str, total: int | None = None) -> None:
-        """Report `n` of `total` entries that are not events, the first of them at `where`."""
+    def unreadable(self, n: int, where: str) -> None:
+        """Report `n` entries that are not events, the first of them at `where`."""
         if not self.drop:
-            raise RecordingError(self._fault(where, n, total, "such entries"))
+            raise RecordingError(f"{self.path}: {where}: {_REMEDY.format(them='such entries are')}")
         self.first_unreadable = self.first_unreadable or where
         self.faults.unreadable += n
-
-    def _fault(
-        self, what: str, bad: int, total: int | None, them: str, remedy: str = "", off: int = 0
-    ) -> str:
-        """Return the error of the first of `bad` faults among the next `total` entries.
-
-        Parameters
-        ----------
-        remedy : str
-            What to do, if not to drop them.
-        off : int
-            How many of them lie off the sensor.
-        """
-        if total is not None and (remedy or bad > _NEARLY_ALL * (self._good + total)):
-            what += f", and {bad:,} of {total:,} entries there are faulty"
-            remedy = remedy or _CHECKS
-        else:
-            remedy = _REMEDY.format(them=f"{them} are")
-            if total is not None and off > max(1, _MANY_OFF * (self._good + total)):
-                what += f", and so do {off / total:.1%} of the events there"
-                remedy = f"{_OFF_CAUSES}; if not, {remedy}"
-        return f"{self.path}: {what}: {remedy}"
 
     def undated(self, n: int) -> None:
         """Report `n` events before the first time word; never an error."""
@@ -472,108 +352,37 @@ class FaultLog:
             and t[-1] <= TIME_LIMIT_US
         )
 
-    def _sift(self, columns: Columns) -> tuple[Columns, bool]:
-        """Return the good events, and whether the last one on the sensor is among them."""
+    def _sift(self, columns: Columns) -> Columns:
+        """Return the good events of a chunk, and count the others."""
         t, x, y, _ = columns
         width, height = self.sensor
-        known = (t >= -TIME_LIMIT_US) & (t <= TIME_LIMIT_US)
-        on = (x >= 0) & (x < width) & (y >= 0) & (y < height) & known
-        # latest good time before each event; events outside the sensor do not change it
-        floor = np.iinfo(np.int64).min
-        times = np.full(t.shape, floor, np.int64)
-        times[on] = t[on]
-        ahead = self._ahead(times, np.flatnonzero(on))
-        times[ahead] = floor
-        latest = np.empty_like(times)
-        latest[0] = floor if self.last_us is None else self.last_us
-        latest[1:] = np.maximum(np.maximum.accumulate(times)[:-1], latest[0])
-        late = on & (times < latest)
-        late[ahead] = False
-        good = on & ~late
-        good[ahead] = False
-        i = int(np.flatnonzero(~good)[0])
-        n_late, remedy = int(np.count_nonzero(late)), ""
-        if i in ahead:
-            what = (
-                f"its time, {t[i]} us, is {(t[i] - latest[i]) / 1e6:,.6g} s ahead of the events "
-                "before and after it"
-            )
-        elif on[i]:
-            what = f"time runs backwards, from {latest[i]} to {t[i]} us"
-        elif known[i]:
-            what = f"pixel ({x[i]}, {y[i]}) at {t[i]} us lies off the {self.sensor} sensor"
-        else:
-            what = f"time {t[i]} us lies beyond 2**60 us{unit_remedy(int(t[i]))}"
-            self.first_unreadable = self.first_unreadable or what
+        dated = (t >= -TIME_LIMIT_US) & (t <= TIME_LIMIT_US)
+        on = (x >= 0) & (x < width) & (y >= 0) & (y < height) & dated
+        # latest time before each event, of the events on the sensor
+        latest = np.full(t.size + 1, -TIME_LIMIT_US if self.last_us is None else self.last_us)
+        latest[1:][on] = t[on]
+        latest = np.maximum.accumulate(latest)[:-1]
+        good = on & (t >= latest)
         if not self.drop:
-            if late[i]:
-                lasting = late[on][-1] and latest[i] - t[i] > _AHEAD_US
-                if lasting or n_late > max(_FEW, _FEW_LATE * t.size):
-                    remedy = self._remedy_of_many(t[late], int(latest[i]), t.size)
-            raise RecordingError(
-                self._fault(
-                    f"event {self.entries + i:,}: {what}", int(np.count_nonzero(~good)), good.size,
-                    "such events", remedy, 0 if on[i] else int(np.count_nonzero(~on & known)),
+            i = int(np.argmin(good))
+            if not dated[i]:
+                what = f"time {t[i]} us lies beyond 2**60 us: check time_unit= and format="
+            elif not on[i]:
+                what = (
+                    f"pixel ({x[i]}, {y[i]}) at {t[i]} us lies off the {self.sensor} sensor: "
+                    "check sensor= and columns="
                 )
-            )  # fmt: skip
-        self.faults.unreadable += int(np.count_nonzero(~known))
-        self.faults.off_sensor += int(np.count_nonzero(~on & known))
-        self.faults.backwards += n_late + len(ahead)
-        ends = bool(on.any()) and bool(good[np.flatnonzero(on)[-1]])
-        return Columns(*(column[good] for column in columns)), ends
-
-    def _ahead(self, times: npt.NDArray[np.int64], on: npt.NDArray[np.intp]) -> list[int]:
-        """Return those of the events `on` that alone lie far ahead of the ones beside them."""
-        t, found, begun = times[on], list[int](), 0
-        latest = int(t[0] if self.last_us is None and t.size else self.last_us or 0)
-        for i in np.flatnonzero(t[:-1] - t[1:] > _AHEAD_US).tolist():
-            latest = int(t[begun:i].max(initial=latest))
-            if t[i] - latest > _AHEAD_US:
-                found.append(int(on[i]))
-            begun = i + (t[i] - latest > _AHEAD_US)
-        return found
-
-    def _remedy_of_many(self, late: npt.NDArray[Any], latest_us: int, total: int) -> str:
-        """Return what to do about more late events among `total` than may be dropped."""
-        mixed = bool((np.diff(late) < 0).any())
-        if late.size > _NEARLY_ALL * (self._good + total):
-            return "sort the events by t, or " * mixed + _CHECKS
-        if mixed:
-            return "sort the events by t, since on_fault='drop' would lose all of these"
-        end = _seconds(latest_us - (self.origin_us or 0) + 1)
-        return (
-            f"if the clock began anew, read the part before, with end='{end}' and "
-            "on_fault='drop'; if the times before are wrong, delete those events"
-        )
-
-
-def unit_remedy(time: float) -> str:
-    """Return which unit to pass if a time is too large in the one that was assumed.
-
-    Parameters
-    ----------
-    time : int or float
-        As in the file.
-
-    Returns
-    -------
-    str
-        With the coarsest unit in which the time is before the year 2242; "" if there is none.
-
-    Examples
-    --------
-    >>> unit_remedy(1_587_452_582_350_000_000)
-    "; if times are in ns, pass time_unit='ns'"
-    """
-    for unit, in_a_second in (("s", 1), ("ms", 10**3), ("us", 10**6), ("ns", 10**9)):
-        if abs(time) < in_a_second << 33:
-            return f"; if times are in {unit}, pass time_unit='{unit}'"
-    return ""
-
-
-def _seconds(us: int) -> str:
-    """Return microseconds as seconds with all digits."""
-    return f"{us // 1_000_000}.{us % 1_000_000:06d}"
+            else:
+                what = (
+                    f"time runs backwards, from {latest[i]} to {t[i]} us: sort the events by t, or "
+                    "check columns="
+                )
+            remedy = _REMEDY.format(them="such events are")
+            raise RecordingError(f"{self.path}: event {self.entries + i:,}: {what}; or {remedy}")
+        self.faults.unreadable += int(np.count_nonzero(~dated))
+        self.faults.off_sensor += int(np.count_nonzero(~on & dated))
+        self.faults.backwards += int(np.count_nonzero(on & ~good))
+        return Columns(*(column[good] for column in columns))
 
 
 def check_policy(on_fault: str) -> None:
@@ -684,21 +493,21 @@ def cropped_events(chunks: Iterator[Events], start_us: int, end_us: int | None) 
 
     Parameters
     ----------
-    chunks : iterator of ndarray of EVENT_DTYPE
+    chunks : iterator of Events
         In time order. No further chunk is read after one that reaches `end_us`.
 
     Yields
     ------
-    ndarray of EVENT_DTYPE, shape (n,)
+    Events
         Copies; never empty.
     """
     for events in chunks:
-        times = events["t"]
+        times = events.t
         first = int(np.searchsorted(times, start_us))
         end = times.size if end_us is None else int(np.searchsorted(times, end_us))
         if end > first:
             part = events[first:end].copy()
-            part["t"] -= start_us
+            part.t -= start_us
             yield part
         if end < times.size:
             return
@@ -712,7 +521,7 @@ class SensorNotStated(UsageError):  # noqa: N818, what is not there is no error 
 
 
 class Recording:
-    r"""Iterable of event arrays that are never empty, in time order, and inside the sensor.
+    r"""Iterable of events, chunk by chunk: never empty, in time order, inside the sensor.
 
     >>> import tempfile, edge_vpr
     >>> path = Path(tempfile.mkdtemp()) / "three.csv"
@@ -721,8 +530,9 @@ class Recording:
     >>> recording.sensor, [len(events) for events in recording]
     (Sensor(width=2, height=2), [3])
 
-    Each ``iter()`` starts at the first event and resets `faults` and `position`. Memory does not
-    grow with the length of the file.
+    Each ``iter()`` starts at the first event and resets `faults` and `position`; the first one goes
+    on with what was read when the file was opened. Memory does not grow with the length of the
+    file.
 
     Attributes
     ----------
@@ -733,9 +543,6 @@ class Recording:
         wall-clock time (ROS, AEDAT4), else on the camera's clock.
     faults : Faults
         Entries that the newest pass has dropped so far.
-    remark : str
-        Warning about an implausible unit of times, if the file does not state it, or about
-        implausible values of the polarity; else "".
     without_polarity : bool
         Whether this is a table without a column of the polarity, so that all events are ON.
     frame_period : Fraction or None
@@ -758,13 +565,15 @@ class Recording:
         self.faults = Faults()
         self._source = source
         self._on_fault = on_fault
-        self.remark = ""
-        self.without_polarity = False
         self.end_us: int | None = None
         self.frame_period: Fraction | None = getattr(source, "frame_period", None)
         self._span: tuple[int, int | None] = (0, None)
-        self._wrap_told = False
-        self._origin_us, self.start_us = self._find_start()
+        begun = self._begin()
+        #: The first pass, until it is asked for; parts of this recording share it.
+        self._begun = [begun]
+        self._origin_us = begun.origin_us
+        self.start_us = begun.origin_us if source.start_us is None else source.start_us
+        self.without_polarity = begun.log.without_polarity
 
     @property
     def position(self) -> float | None:
@@ -777,9 +586,15 @@ class Recording:
         return self._span[0]
 
     def __iter__(self) -> Iterator[Events]:
-        log = FaultLog(self.path, self.sensor, self._on_fault, self._origin_us)
+        if self._begun:
+            log, chunks, first, self._source.position, _ = self._begun.pop()
+            chunks = chain([first], chunks)
+        else:
+            log = FaultLog(self.path, self.sensor, self._on_fault, self._origin_us)
+            chunks = _walk(self._source, log)
         self.faults, self.end_us = log.faults, None
-        return self._whole(log) if self._span == (0, None) else self._cropped(log)
+        whole = self._span == (0, None)
+        return self._whole(log, chunks) if whole else self._cropped(log, chunks)
 
     def cropped(self, crop: TimeCrop) -> Recording:
         """Return the part between two moments; its times count from the part's beginning.
@@ -801,37 +616,17 @@ class Recording:
     def __repr__(self) -> str:
         return f"<Recording {self.path} ({self.format}, {self.sensor})>"
 
-    def _whole(self, log: FaultLog) -> Iterator[Events]:
-        yield from self._walk(log)
+    def _whole(self, log: FaultLog, chunks: Iterator[Events]) -> Iterator[Events]:
+        yield from chunks
         self.end_us = self._known_end(log)
 
-    def _walk(self, log: FaultLog) -> Generator[Events, None, None]:
-        with foreign_errors(self.path, lambda: f" after event {log.entries:,}"):
-            for columns in self._source.chunks(log):
-                events = log.admit(columns)
-                if log.wrapped and not self._wrap_told:
-                    self._wrap_told = True
-                    warnings.warn(
-                        f"{self.path}: {log.wrapped}, as one of 32 bits does every 71.6 minutes, "
-                        "and is continued; if the camera was restarted, read the part before, with "
-                        "end=",
-                        EdgeVprWarning,
-                        stacklevel=3,
-                    )
-                if events.size:
-                    yield events
-            rest = log.finish()
-            if rest.size:
-                yield rest
-
-    def _cropped(self, log: FaultLog) -> Generator[Events, None, None]:
+    def _cropped(self, log: FaultLog, chunks: Iterator[Events]) -> Iterator[Events]:
         start, end = self._span
-        found = False
-        with contextlib.closing(self._walk(log)) as chunks:
-            for events in cropped_events(chunks, start, end):
-                found = True
-                yield events
-        if not found:
+        empty = True
+        for events in cropped_events(chunks, start, end):
+            empty = False
+            yield events
+        if empty:
             until = "its end" if end is None else f"{end / 1e6:g} s"
             raise RecordingError(
                 f"{self.path} holds no events from {start / 1e6:g} s to {until}: give another "
@@ -850,13 +645,12 @@ class Recording:
         of_file -= self._origin_us
         return (of_file if end is None else min(end, of_file)) - start
 
-    def _find_start(self) -> tuple[int, int]:
+    def _begin(self) -> _Begun:
         """Read up to the first good event, so that an empty file is refused when it is opened."""
-        log = FaultLog(
-            self.path, self.sensor, "drop", origin_us=0 if self._source.relative else None
-        )
-        with contextlib.closing(self._walk(log)) as chunks:
-            first = next(chunks, None)
+        source = self._source
+        log = FaultLog(self.path, self.sensor, self._on_fault, 0 if source.relative else None)
+        chunks = _walk(self._source, log)
+        first = next(chunks, None)
         if first is None:
             lost = f" ({log.faults})" if log.faults.total else ""
             raise RecordingError(
@@ -864,174 +658,30 @@ class Recording:
                 + (log.first_unreadable or "check its format, its sensor, and whether it is empty")
             )
         assert log.origin_us is not None
-        start = self._source.start_us
-        if start is not None and abs(start) > TIME_LIMIT_US:
+        if source.start_us is not None and abs(source.start_us) > TIME_LIMIT_US:
+            chunks.close()
             raise RecordingError(
-                f"{self.path} begins at {start} us, beyond 2**60 us: copy or record it again"
+                f"{self.path} begins at {source.start_us} us, beyond 2**60 us: copy or record it "
+                "again"
             )
-        if self._on_fault == "drop" and log.faults.off_sensor > max(1, _MANY_OFF * log.entries):
-            log.remark(
-                f"{log.faults.off_sensor / log.entries:.1%} of the first {log.entries:,} events "
-                f"lie off the {self.sensor} sensor and are left out: {_OFF_CAUSES}"
-            )
-        self.without_polarity = log.without_polarity
-        if log.without_polarity and log.unused and self._source.options.columns is None:
-            log.remark(
-                f"no column is named as the polarity, and all events are taken for ON: if "
-                f"{', '.join(log.unused[:5])} holds it, rename it p, or name all columns in their "
-                "order with columns="
-            )
-        doubt = ""
-        if log.assumed_unit is not None:
-            position, rounded = self._source.position, log.times_are_float32
-            doubt = _doubt(first, position, self.sensor, log.assumed_unit, rounded)
-        log.remark(doubt or _misdated(first))
-        self.remark = "; ".join(filter(None, log.remarks))
-        self._source.position = 0.0 if self._source.position is not None else None
-        return log.origin_us, log.origin_us if start is None else start
+        position, source.position = source.position, None if source.position is None else 0.0
+        return _Begun(log, chunks, first, position, log.origin_us)
 
 
-#: Longest usual time between two of the first events, in microseconds: a day.
-_LONGEST_GAP_US = 86_400_000_000
+def _walk(source: Source, log: FaultLog) -> Generator[Events, None, None]:
+    """Yield the good events of a source."""
+    with foreign_errors(source.path, lambda: f" after event {log.entries:,}"):
+        for columns in source.chunks(log):
+            events = log.admit(columns)
+            if events.size:
+                yield events
 
 
-def _misdated(events: Events) -> str:
-    """Return that the first events lie long before the others, or have times of whole seconds."""
-    gaps = np.diff(events["t"])
-    if events.size >= _FEWEST and gaps.any() and not (gaps % 1_000_000).any():
-        return (
-            f"the times of the first {events.size:,} events are whole seconds: read them with "
-            "their fractions, which another column may have"
-        )
-    if gaps.max(initial=0) < _LONGEST_GAP_US:
-        return ""
-    i = int(np.argmax(gaps))
-    return (
-        f"event {i:,} lies {gaps[i] / 1e6:,.0f} s before the next: if times up to there are wrong, "
-        f"read without them, with start='{_seconds(int(events['t'][i + 1]))}'"
-    )
+class _Begun(NamedTuple):
+    """A pass over a recording, of which the first events were read."""
 
-
-#: Fewest events for a check of the unit of time, and parts of which the usual rate is taken.
-_FEWEST, _PARTS = 1_000, 32
-_US_PER_UNIT = {
-    "s": Fraction(10**6),
-    "ms": Fraction(1000),
-    "us": Fraction(1),
-    "ns": Fraction(1, 1000),
-}
-#: Usual rate of a moving camera in events/s a pixel, and lowest one of a camera of any size in
-#: events/s; shortest and longest usual recording in s.
-_USUAL_RATE, _SLOWEST, _SHORTEST, _LONGEST = 3.0, 5.0, 1.0, 3_600.0
-#: A unit is doubted if another one is more usual by `_DOUBTFUL` powers of ten, or if the shortest
-#: step between times exceeds `_LONGEST_STEP_US`; of float32, whose steps are of its digits and not
-#: of the camera, `_LONGEST_OF_FLOAT32_US`. If each whole number up to the last has several events,
-#: `_DOUBTFUL_IF_FULL` powers suffice. A unit that is odd by more than `_IMPOSSIBLE` powers of ten
-#: is not proposed.
-_DOUBTFUL, _DOUBTFUL_IF_FULL, _IMPOSSIBLE = 2.0, 0.5, 4.0
-_LONGEST_STEP_US, _LONGEST_OF_FLOAT32_US = 1_000_000, 2_000
-
-
-def _doubt(
-    events: Events,
-    share: float | None,
-    sensor: Sensor,
-    assumed: str,
-    float32: bool = False,
-    remedy: str = "pass time_unit='{unit}'",
-) -> str:
-    """Return why the unit of the times is implausible; "" if it is plausible.
-
-    Parameters
-    ----------
-    events : ndarray of EVENT_DTYPE, shape (n,)
-        The first events.
-    share : float or None
-        Share of the drive that they are; None if it is not known.
-    assumed : str
-        Unit in which they were read.
-    float32 : bool
-        Whether their times are of this type.
-    remedy : str
-        What to do if they are in a unit that is more likely.
-    """
-    n, duration_us = events.size, int(events["t"][-1] - events["t"][0])
-    if n < _FEWEST:
-        return ""
-    steps = np.diff(events["t"])
-    steps = steps[steps > 0]
-    if not steps.size and n < sensor.pixels and share != 1.0 and not float32:
-        return ""  # part of the first frame of a simulator
-    step_us = int(steps.min(initial=TIME_LIMIT_US))
-    longest_us = _LONGEST_OF_FLOAT32_US if float32 else _LONGEST_STEP_US
-    # of most parts, since a clock that jumps makes one of them long
-    part = n // _PARTS
-    of_parts = float(np.median(np.diff(events["t"][::part]))) * (n - 1) / part
-    usual_us = max(1.0, of_parts, float(steps.size * step_us))
-
-    def coarse(factor: Fraction) -> bool:
-        """Return whether steps are too long; whole numbers have those of one unit in any."""
-        return step_us > 1 and step_us * factor > longest_us
-
-    def oddness(factor: Fraction) -> float:
-        """Return by how many powers of ten rate and duration are unusual if times are scaled."""
-        seconds = usual_us * float(factor) / 1e6
-        rate = abs(math.log10(n / seconds / sensor.pixels / _USUAL_RATE))
-        if share is None:
-            return rate
-        total = seconds / min(max(share, 1e-6), 1.0)
-        return rate + max(0.0, math.log10(_SHORTEST / total), math.log10(total / _LONGEST))
-
-    factors = {unit: us / _US_PER_UNIT[assumed] for unit, us in _US_PER_UNIT.items()}
-    odd = {unit: oddness(factor) for unit, factor in factors.items()}
-    rounded = float32 and coarse(factors[assumed]) and odd[assumed] == min(odd.values())
-    odd |= {unit: math.inf for unit, factor in factors.items() if coarse(factor)}
-    best = min(odd, key=lambda unit: odd[unit])
-    if rounded or (odd[best] > _IMPOSSIBLE and odd[assumed] == math.inf):
-        return (
-            f"among the first {n:,} events there are {np.unique(events['t']).size:,} different "
-            "times: save them as whole microseconds or float64, since float32 has too few digits "
-            "for such times"
-        )
-    usual_rate = n * 1e6 / usual_us
-    doubtful = _DOUBTFUL_IF_FULL if step_us == 1 and n > 2 * usual_us else _DOUBTFUL
-    if best == assumed or (odd[assumed] < odd[best] + doubtful and usual_rate >= _SLOWEST):
-        return ""
-    rate = n * 1e6 / duration_us
-    return (
-        f"the first {n:,} events take {duration_us / 1e6:,.6g} s if times are in {assumed}, as "
-        f"assumed, which is {rate:,.3g} events/s: if they are in {best}, which is more likely, "
-        + remedy.format(unit=best)
-    )
-
-
-class UnitCheck:
-    """Check of the unit of times that no reader has checked, by the first events of a drive.
-
-    It warns once, after some thousands of events or at the end of a shorter drive.
-    """
-
-    #: so many events are taken
-    _ENOUGH = 10_000
-
-    def __init__(self, sensor: Sensor) -> None:
-        self._sensor = sensor
-        self._first: list[Events] = []
-        self._missing = self._ENOUGH
-
-    def feed(self, events: Events) -> None:
-        """Take the next events."""
-        if self._missing > 0:
-            self._first.append(events[: self._missing].copy())
-            self._missing -= events.size
-            if self._missing <= 0:
-                self.finish()
-
-    def finish(self) -> None:
-        """Judge the events that were taken."""
-        self._missing = 0
-        if self._first:
-            first, self._first = np.concatenate(self._first), []
-            doubt = _doubt(first, None, self._sensor, "us", remedy="give whole microseconds")
-            if doubt:
-                warnings.warn(doubt, EdgeVprWarning, stacklevel=4)
+    log: FaultLog
+    chunks: Iterator[Events]  #: Those after the first.
+    first: Events
+    position: float | None  #: Of the source, behind the first.
+    origin_us: int

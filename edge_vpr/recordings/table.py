@@ -14,7 +14,7 @@ import numpy.typing as npt
 
 from edge_vpr.errors import RecordingError, UsageError
 from edge_vpr.events import TIME_LIMIT_US
-from edge_vpr.recordings.reading import Columns, FaultLog, unit_remedy
+from edge_vpr.recordings.reading import Columns, FaultLog
 
 #: Other names of the columns in published files.
 ALIASES = {
@@ -51,8 +51,6 @@ _NS_PER_DATETIME = {
 }
 #: Coordinates must be whole numbers below this.
 _FARTHEST = float(1 << 31)
-#: Fewest rows from which the order of columns is told.
-_FEWEST_ROWS = 20
 
 
 class Named(NamedTuple):
@@ -64,13 +62,10 @@ class Named(NamedTuple):
         Names of the columns t, x, y and perhaps p in the table.
     unit : {"s", "ms", "us", "ns"} or None
         Unit of the times, if their name states it.
-    unused : list of str
-        Names of further columns.
     """
 
     fields: dict[str, str]
     unit: str | None
-    unused: list[str]
 
 
 class ArrayColumns(NamedTuple):
@@ -82,13 +77,10 @@ class ArrayColumns(NamedTuple):
         Of t, x, y and perhaps p.
     unit : {"s", "ms", "us", "ns"} or None
         Unit of the times, if the name of their field states it.
-    unused : list of str
-        Names of further fields.
     """
 
     fields: Mapping[str, str | int]
     unit: str | None
-    unused: list[str]
 
     def of(self, rows: npt.NDArray[Any]) -> dict[str, npt.NDArray[Any]]:
         """Return the columns of rows of the array, as views."""
@@ -122,12 +114,12 @@ def array_columns(
                 f"{name} has the fields {', '.join(dtype.names)}, and not "
                 "t, x, y, p: name all of them in their order with columns="
             )
-        return ArrayColumns({**found.fields}, found.unit, found.unused)
+        return ArrayColumns({**found.fields}, found.unit)
     if len(shape) == 2 and dtype.kind in "iuf":
         wanted = order or ("txy" if shape[1] == 3 else "txyp")
         if shape[1] == len(wanted):
             fields = {each: i for i, each in enumerate(wanted) if each != "-"}
-            return ArrayColumns(fields, None, [])
+            return ArrayColumns(fields, None)
         if shape[0] == len(wanted):
             raise RecordingError(f"{name} has shape {shape}, a row a column: transpose it (.T)")
     raise RecordingError(
@@ -144,14 +136,25 @@ def match_columns(names: Iterable[str], order: str | None = None) -> Named | Non
     Parameters
     ----------
     order : str, optional
-        Order of the columns if their names are not known, as ``"txyp"``.
+        Order of the columns, as ``"txyp"``, which overrides their names.
 
     Raises
     ------
     RecordingError
         If there are times in several units, which may be the parts of one time.
+    UsageError
+        If `order` has another number of columns.
     """
     names = list(names)
+    if order is not None:
+        if len(order) != len(names):
+            raise UsageError(
+                f"columns {order!r} name {len(order)} columns, and there are {len(names)} "
+                f"({', '.join(names)}): name all of them, with - for those to leave out"
+            )
+        ordered = dict(zip(order, names, strict=True))
+        unit = _parse_name(ordered["t"])[1]
+        return Named({column: ordered[column] for column in "txyp" if column in ordered}, unit)
     found: dict[str, tuple[int, str]] = {}
     times: dict[str, str] = {}
     parts: dict[str, dict[str, str]] = {}
@@ -173,14 +176,9 @@ def match_columns(names: Iterable[str], order: str | None = None) -> Named | Non
             f"the columns {', '.join(times)} are all times: leave out all but one, or in text name "
             "the order of all columns with columns="
         )
-    known = {"t", "x", "y"} <= fields.keys()
-    if order is not None and len(order) == len(names) and not (known and "p" in fields):
-        given = zip(order, names, strict=True)
-        return Named({column: name for column, name in given if column != "-"}, None, [])
-    if not known:
+    if not {"t", "x", "y"} <= fields.keys():
         return None
-    unused = [name for name in names if name and name not in fields.values()]
-    return Named(fields, times.get(fields["t"]), unused)
+    return Named(fields, times.get(fields["t"]))
 
 
 def _refuse_parts(times: Iterable[dict[str, str]]) -> None:
@@ -215,72 +213,6 @@ def _parse_name(name: str) -> tuple[str, str | None]:
     return "_".join(words), UNITS.get(last)
 
 
-def likely_order(rows: npt.NDArray[np.float64]) -> str:
-    """Return the likely order of the columns of a table without names.
-
-    Parameters
-    ----------
-    rows : ndarray, shape (n, k)
-        First rows of the table.
-
-    Returns
-    -------
-    str
-        As ``"xytp"``, with "-" for a column that counts the rows; "" if the rows fit
-        ``t, x, y, p``, or do not show the order.
-    """
-    n, k = rows.shape
-    if n < _FEWEST_ROWS or not 3 <= k <= 5:
-        return ""
-    steps = np.diff(rows, axis=0)
-    rises = (steps >= 0).all(axis=0) & (rows[-1] > rows[0])
-    order = ["-" if k > 3 and (each == 1).all() and rises.sum() > 1 else "" for each in steps.T]
-    times = [i for i in range(k) if rises[i] and not order[i]]
-    if not times:
-        return ""
-    order[max(times, key=lambda i: float(rows[-1, i]))] = "t"
-    left = [i for i in range(k) if not order[i]]
-    if len(left) > 3:
-        return ""
-    if len(left) == 3:
-        two = [i for i in left if np.unique(rows[:, i]).size <= 2]
-        if len(two) != 1:
-            return ""
-        order[two[0]] = "p"
-    for i, name in zip((i for i in range(k) if not order[i]), "xy", strict=True):
-        order[i] = name
-    found = "".join(order)
-    return "" if found == "txyp"[:k] else found
-
-
-def check_order(path: Path, rows: npt.NDArray[Any]) -> None:
-    """Refuse rows of a table without names whose columns seem to be in another order than txyp.
-
-    Raises
-    ------
-    UsageError
-        With the likely order.
-    """
-    if order := likely_order(rows.astype(np.float64)):
-        raise UsageError(
-            f"{path} names no columns, and they do not look like {', '.join('txyp'[: len(order)])} "
-            f"but like {', '.join(order)}: pass columns='{order}', or the order that they have"
-        )
-
-
-def usual_unit(times: npt.NDArray[Any]) -> str:
-    """Return the unit of the first times of a table that does not state it: "s" or "us".
-
-    Whole numbers are microseconds. As floats they are too if they span 100 or more: events are not
-    seconds apart. (Of float32, they may be seconds since 1970 without their fraction.)
-    """
-    if times.dtype.kind != "f":
-        return "us"
-    times = times[np.isfinite(times)]
-    whole = times.dtype.itemsize > 4 and bool((times == np.floor(times)).all())
-    return "us" if whole and times.size and np.ptp(times) >= 100 else "s"
-
-
 def microseconds(
     times: npt.NDArray[Any], unit: str | None
 ) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.bool_]]:
@@ -291,8 +223,7 @@ def microseconds(
     times : ndarray, shape (n,)
         Integers, floating-point numbers, datetime64 or timedelta64.
     unit : {"s", "ms", "us", "ns"} or None
-        With None, floating-point times are in seconds and whole numbers in microseconds, as in the
-        published data sets. datetime64 and timedelta64 have their own unit.
+        With None, whole numbers are microseconds. datetime64 and timedelta64 have their own unit.
 
     Returns
     -------
@@ -307,7 +238,7 @@ def microseconds(
     resolution of 0.24 us, so that this gives the microsecond that was written. Nanoseconds are
     rounded down.
     """
-    ns = Fraction(_NS_PER_UNIT[unit or ("s" if times.dtype.kind == "f" else "us")])
+    ns = Fraction(_NS_PER_UNIT[unit or "us"])
     missing = None
     if times.dtype.kind in "mM":
         name, count = np.datetime_data(times.dtype)
@@ -361,9 +292,8 @@ def tidy(
                 f"{log.path}: column {name} has dtype {column.dtype} and shape {column.shape}: "
                 f"give one number an event, of text or objects {name}.astype(float)"
             )
-    if unit is None and columns["t"].dtype.kind in "iuf":
-        unit = log.assumed_unit = log.assumed_unit or usual_unit(columns["t"])
-        log.times_are_float32 = columns["t"].dtype in (np.dtype("<f4"), np.dtype(">f4"))
+    if columns["t"].dtype.kind == "f":
+        _check_float_times(log.path, columns["t"].dtype, unit)
     try:
         t, known = microseconds(columns["t"], unit)
     except ValueError as error:
@@ -379,34 +309,48 @@ def tidy(
     if not good.all():
         first = int(np.flatnonzero(~good)[0])
         values = ", ".join(f"{name} = {column[first]}" for name, column in columns.items())
-        what = f"entry {entry + first:,} is no event ({values}; x and y are whole numbers)"
-        if not known[first] and columns["t"].dtype.kind in "iuf":
-            what += unit_remedy(columns["t"][first].item())
-        log.unreadable(int(np.count_nonzero(~good)), what, good.size)
+        what = (
+            f"entry {entry + first:,} is no event ({values}): x, y are whole, and t lies "
+            "within 2**60 us; check time_unit= and columns="
+        )
+        log.unreadable(int(np.count_nonzero(~good)), what)
         columns = {name: column[good] for name, column in columns.items()}
         t = t[good]
     x, y = (
         columns[name].astype(np.int64) if columns[name].dtype.kind in "fb" else columns[name]
         for name in "xy"
     )
-    return Columns(t, x, y, on_events(columns["p"], log))
+    return Columns(t, x, y, on_events(columns["p"], log.path))
 
 
-def on_events(polarity: npt.NDArray[Any], log: FaultLog) -> npt.NDArray[np.bool_]:
-    """Return which events are ON: those whose polarity is above 0.
+def _check_float_times(path: Path, dtype: np.dtype[Any], unit: str | None) -> None:
+    """Refuse floating-point times of no stated unit, or with too few digits."""
+    if unit is None:
+        raise no_unit(path, f"are {dtype}")
+    if dtype.itemsize < 8:
+        raise RecordingError(
+            f"{path}: the times are {dtype}, which has too few digits for microseconds: save them "
+            "as float64, or as whole numbers"
+        )
 
-    If the first events have several values above 0 (1 and 2, or 255 for -1), a remark says so.
-    """
+
+def no_unit(path: Path, what: str) -> RecordingError:
+    """Return the error of times that are no whole numbers, and whose unit is not stated."""
+    return RecordingError(
+        f"{path}: the times {what}, and no unit is stated: pass time_unit=, one of s, ms, us and ns"
+    )
+
+
+def on_events(polarity: npt.NDArray[Any], path: Path) -> npt.NDArray[np.bool_]:
+    """Return which events are ON: those of polarity 1; 0 and -1 are OFF."""
     # a byte of a file may be neither 0 nor 1, which NumPy does not handle in booleans
     if polarity.dtype.kind == "b":
-        polarity = np.ascontiguousarray(polarity).view(np.uint8)
-    on = np.asarray(polarity > 0)
-    if log.entries == 0 and on.any():
-        values = np.unique(polarity[on])
-        if values.size > 1:
-            log.remark(
-                f"polarity has the values {', '.join(f'{v:g}' for v in values[:5].tolist())}, and "
-                "each above 0 is ON: counts of events are right, but for shares of ON and for "
-                "polarity= write OFF as 0 or -1"
-            )
+        return np.asarray(np.ascontiguousarray(polarity).view(np.uint8) > 0)
+    on = np.asarray(polarity == 1)
+    other = ~(on | (polarity == 0) | (polarity == -1))
+    if other.any():
+        raise RecordingError(
+            f"{path}: an event has the polarity {polarity[other][0]}, which is 1 for ON, and 0 or "
+            "-1 for OFF: write it so, or leave the column out with columns= (txy- for example)"
+        )
     return on

@@ -15,12 +15,13 @@ from edge_vpr.compiling import kernel
 from edge_vpr.errors import RecordingError
 from edge_vpr.events import Events, Sensor
 from edge_vpr.recordings.reading import Columns, FaultLog, ReadOptions, Source
-from edge_vpr.recordings.table import check_order, match_columns, on_events, usual_unit
+from edge_vpr.recordings.table import match_columns, no_unit, on_events
 
 # Kernel that parses lines of decimal numbers.
 
 
-#: status of a line: an event, an event with a fraction in its time, blank, or unknown to the kernel
+#: Status of a line: an event, an event whose time is no whole number as it is written, blank, or
+#: unknown to the kernel.
 GOOD, FRACTION, BLANK, STRANGE = range(4)
 
 
@@ -80,6 +81,8 @@ def _parse_lines(buffer, order, point, digits_to_us, out, starts, status):  # ty
             if column >= order.size:
                 state = STRANGE
                 break
+            if field == 0 and decimals >= 0:
+                state = FRACTION
             decimals = max(decimals, 0)
             if field == 0:
                 shift = digits_to_us - decimals
@@ -96,8 +99,6 @@ def _parse_lines(buffer, order, point, digits_to_us, out, starts, status):  # ty
                         shift += 1
                     rest = value % unit
                     value //= unit
-                    if rest or residue:
-                        state = FRACTION
                     # round to the nearest, ties to even, as Decimal does
                     if 2 * rest > unit or (2 * rest == unit and (residue or value % 2)):
                         value += 1
@@ -137,21 +138,21 @@ _GEOMETRY_PATTERN = re.compile(
 )
 #: Separators of a header, outside the brackets of a unit.
 _HEADER_PATTERN = re.compile(r"[,;\t](?![^(\[]{0,40}[)\]])")
-#: Numbers with decimal commas between semicolons or tabs.
-_DECIMAL_COMMAS = re.compile(rb" *[+-]?\d+(,\d+)?( *[;\t] *[+-]?\d+(,\d+)?){2,}\s*")
-#: Digits that look like those behind a decimal comma.
-_DECIMALS = re.compile(r"0\d{2,}")
 #: No number of an event has this many digits before the point, or zeros behind it.
 _MOST_DIGITS = 40
-_TRUTH = {"true": 1, "on": 1, "false": 0, "off": 0}
+_TRUTH = {"true": 1, "false": 0}
 
 
 class TextSource(Source):
     """Source of lines of numbers between commas, semicolons, tabs or spaces; ``#`` starts comments.
 
-    A first line of two whole numbers is the sensor's size (as in the rpg data sets); a comment of
-    this package states the size and the start. Times are read as decimal numbers: seconds are
-    converted to microseconds without rounding to a float.
+    A comma in a line with semicolons or tabs is a decimal one. A first line of two whole numbers is
+    the sensor's size (as in the rpg data sets); a comment of this package states the size and the
+    start. Times are read as decimal numbers: seconds are converted to microseconds without rounding
+    to a float.
+
+    The parser is our own: of 5 million lines, pandas takes three times as long, and pyarrow 1.6
+    times.
     """
 
     def __init__(self, path: Path, options: ReadOptions) -> None:
@@ -168,7 +169,7 @@ class TextSource(Source):
         if head and (match := _SIZES_PATTERN.fullmatch(head[0])):
             sensor = Sensor(int(match[1]), int(match[2]))
             self._skip += len(head.pop(0))
-        commas = any(b"," in line and _DECIMAL_COMMAS.fullmatch(line) for line in head[:9])
+        commas = any(b"," in line and (b";" in line or b"\t" in line) for line in head)
         self._point = _COMMA if commas else _POINT
         headed = bool(head) and any(
             _number(word) is None and word.lower() not in _TRUTH for word in self._split(head[0])
@@ -177,27 +178,17 @@ class TextSource(Source):
         if headed:
             self._skip += len(head.pop(0))
         rows = [self._split(line) for line in head if line.strip() and not _is_comment(line)]
-        self._order, stated, self._unused = _find_order(path, names, headed, rows, options.columns)
-        self.unit = options.time_unit or stated or self._unit(rows)
+        self._order, stated = _find_order(path, names, headed, rows, options.columns)
+        stated = options.time_unit or stated
+        self._is_stated, self._unit = stated is not None or start_us is not None, stated or "us"
         super().__init__(path, options, sensor, start_us)
-        self._assumed = options.time_unit is None and stated is None and start_us is None
 
     def _split(self, line: bytes) -> list[str]:
         return _text(line).translate(_SEPARATORS[self._point]).split()
 
-    def _unit(self, rows: list[list[str]]) -> str:
-        column = self._order.index("t")
-        words = [row[column] for row in rows if len(row) > column]
-        if not any("." in word for word in words):
-            return "us"
-        times = [time for time in map(_number, words) if time is not None]
-        return usual_unit(np.array(times, dtype=np.float64)) if times else "s"
-
     def chunks(self, log: FaultLog) -> Iterator[Columns]:
         """Yield the events; see :class:`Source`."""
-        if self._assumed:
-            log.assumed_unit = self.unit
-        log.without_polarity, log.unused = "p" not in self._order, self._unused
+        log.without_polarity = "p" not in self._order
         size = max(1, self.path.stat().st_size)
         block = self.options.chunk_events * _BYTES_A_LINE
         with self.path.open("rb") as file:
@@ -226,7 +217,7 @@ class TextSource(Source):
         out = np.ones((4, n), np.int64)
         starts = np.empty(n, np.int64)
         status = np.empty(n, np.uint8)
-        _parse_lines(buffer, order, self._point, _DIGITS_TO_US[self.unit], out, starts, status)
+        _parse_lines(buffer, order, self._point, _DIGITS_TO_US[self._unit], out, starts, status)
         bad = []
         for i in np.flatnonzero(status == STRANGE).tolist():
             start = int(starts[i])
@@ -238,20 +229,16 @@ class TextSource(Source):
             i, line = bad[0]
             shown = line.strip()[:60].decode("ascii", "replace")
             where = f"line {entry + i:,} of the events is no event ({shown!r})"
-            log.unreadable(len(bad), where, n)
-        if self.unit == "us" and self._assumed and (status == FRACTION).any():
-            first = int(np.flatnonzero(status == FRACTION)[0])
-            raise RecordingError(
-                f"{self.path}: event {entry + first:,}: the time has a fraction where those before "
-                "had none: pass time_unit=, one of s, ms and us"
-            )
+            log.unreadable(len(bad), where)
+        if not self._is_stated and (status == FRACTION).any():
+            raise no_unit(self.path, "have a decimal point or an exponent")
         good = (status == GOOD) | (status == FRACTION)
         t, x, y, p = out if good.all() else out[:, good]
-        return Columns(t, x, y, on_events(p, log)), n
+        return Columns(t, x, y, on_events(p, self.path)), n
 
     def _parse_slowly(self, line: bytes, out: npt.NDArray[np.int64]) -> int:
         """Read a line that the kernel cannot: with exponents or ``true``; return its status."""
-        words = self._split(line)
+        words, status = self._split(line), GOOD
         if not words or _is_comment(line):
             return BLANK
         if len(words) != len(self._order):
@@ -265,11 +252,12 @@ class TextSource(Source):
             if value is None or (name in "xy" and value != int(value)):
                 return STRANGE
             if name == "t":
-                value = (value * Decimal(10) ** _DIGITS_TO_US[self.unit]).to_integral_value()
+                status = GOOD if word.lstrip("+-").isdigit() else FRACTION
+                value = (value * Decimal(10) ** _DIGITS_TO_US[self._unit]).to_integral_value()
             if abs(value) >= 2**63:
                 return STRANGE
             out[_FIELDS.index(name)] = int(value)
-        return GOOD
+        return status
 
     def _last_line(self, rest: bytes, log: FaultLog, entry: int) -> Columns:
         """Read a last line without line feed, which may be cut off."""
@@ -314,8 +302,8 @@ def _names(line: bytes) -> list[str]:
 
 def _find_order(
     path: Path, names: list[str], headed: bool, rows: list[list[str]], columns: str | None
-) -> tuple[list[str], str | None, list[str]]:
-    """Return the column of each word of a line ("-" to skip it), the unit of times, and the unused.
+) -> tuple[list[str], str | None]:
+    """Return the column of each word of a line ("-" to skip it), and the unit of the times.
 
     Parameters
     ----------
@@ -330,18 +318,16 @@ def _find_order(
     """
     widths = Counter(map(len, rows))
     width, number = widths.most_common(1)[0] if rows else (0, 0)
-    found = None if columns else match_columns(names)
-    if found and not headed and len(names) not in (width, width - 1):
-        found = None  # any comment
-    unit, unused = None, list[str]()
+    named = None if columns else match_columns(names)
+    if named and not headed and len(names) != width:
+        named = None  # any comment
+    unit = None
     if columns:
         order, named_by = list(columns), "columns= names"
-    elif found:
-        field = {name: column for column, name in found.fields.items()}
+    elif named:
+        field = {name: column for column, name in named.fields.items()}
         order, named_by = [field.get(name, "-") for name in names], "the header names"
-        unit, unused = found.unit, found.unused
-        if width == len(order) + 1 and len({row[0] for row in rows}) == len(rows):
-            order.insert(0, "-")  # the number of the line, as of pandas and R
+        unit = named.unit
     elif headed:
         raise RecordingError(
             f"{path} begins with {' '.join(names)!r}, which is no event and names no columns: "
@@ -349,23 +335,13 @@ def _find_order(
         )
     else:
         order, named_by = list("txy" if width == 3 else "txyp"), "t, x, y, p are"
-        numbers = [[_number(word) for word in row] for row in rows if len(row) == width]
-        if whole := [row for row in numbers if None not in row]:
-            check_order(path, np.array(whole))
     if width != len(order) and 2 * number > len(rows):
-        decimals = next((word for row in rows for word in row if _DECIMALS.fullmatch(word)), None)
         raise RecordingError(
-            f"{path} has {width} columns a line, and {named_by} {len(order)}: "
-            + (
-                "name all of them with columns=, and with - those to leave out, for example "
-                "columns='-txyp'; a time in two columns is to be written in one"
-                if decimals is None
-                else f"if {decimals} are digits behind a comma within a number, write it without "
-                "one (a point for decimals), or separate columns by semicolons; else name all "
-                "columns with columns="
-            )
+            f"{path} has {width} columns a line, and {named_by} {len(order)}: name all of them "
+            "with columns=, and with - those to leave out, for example columns='-txyp'; write a "
+            "time in two columns in one, and numbers with a decimal comma between semicolons"
         )
-    return order, unit, unused
+    return order, unit
 
 
 def _number(word: str) -> Decimal | None:
@@ -390,8 +366,8 @@ class TextSink:
 
     def write(self, events: Events) -> None:
         """Append events."""
-        columns = (events[name].tolist() for name in ("t", "x", "y"))
-        polarity = events["p"].astype(np.uint8).tolist()
+        columns = (column.tolist() for column in (events.t, events.x, events.y))
+        polarity = events.p.view(np.uint8).tolist()
         self._file.writelines(map("{},{},{},{}\n".format, *columns, polarity))
 
     def close(self) -> None:

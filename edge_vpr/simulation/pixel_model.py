@@ -16,7 +16,7 @@ import numpy.typing as npt
 
 from edge_vpr.compiling import kernel
 from edge_vpr.errors import UsageError
-from edge_vpr.events import EVENT_DTYPE, Events, Sensor
+from edge_vpr.events import Events, Sensor, make_events
 
 #: Light relatively this close to a threshold is compared as a logarithm; far above rounding.
 SLACK = 1e-9
@@ -168,7 +168,7 @@ class PixelArray:
 
         Returns
         -------
-        ndarray of EVENT_DTYPE, shape (m,)
+        Events
             Ordered by time; those of one microsecond stand in the order in which they were made,
             noise last. Events of a pixel still in its refractory period are gone.
         """
@@ -182,8 +182,5 @@ class PixelArray:
         t, i, p = t[order], i[order], p[order]
         keep = np.empty(t.size, np.bool_)
         _rest(t, i, self._last, self._refractory, keep)
-        events = np.empty(int(np.count_nonzero(keep)), EVENT_DTYPE)
-        events["t"] = t[keep]
-        events["y"], events["x"] = np.divmod(i[keep], self.sensor.width)
-        events["p"] = p[keep]
-        return events
+        y, x = np.divmod(i[keep], self.sensor.width)
+        return make_events(t[keep], x, y, p[keep])

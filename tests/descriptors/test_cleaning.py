@@ -19,9 +19,9 @@ from edge_vpr.descriptors.cleaning import (
     load_hot_pixels,
 )
 from edge_vpr.errors import RecordingError
-from edge_vpr.events import Sensor, make_events
+from edge_vpr.events import Sensor, join_events, make_events
 from tests import naive
-from tests.streams import as_tuples, cut_up, random_events
+from tests.streams import as_tuples, cut_up, random_events, split_events
 
 SENSOR = Sensor(4, 3)
 
@@ -89,7 +89,7 @@ def test_time_that_passes_lets_events_out_earlier_and_changes_none(seed, n, slot
     events = random_events(rng, n, SENSOR, slots * BURST_SLOT_US)
     filter_ = BurstFilter(SENSOR)
     found = []
-    for event in np.split(events, n):
+    for event in split_events(events, n):
         known = filter_.known_us
         now = int(event["t"][0])
         found.append(filter_.advance(now))
@@ -102,7 +102,7 @@ def test_time_that_passes_lets_events_out_earlier_and_changes_none(seed, n, slot
     found.append(filter_.advance(late))
     assert filter_.finish().size == 0
     expected = naive.without_bursts(as_tuples(events), BURST_SLOT_US, SENSOR.pixels, BURST_SHARE)
-    assert as_tuples(np.concatenate(found)) == expected
+    assert as_tuples(join_events(found)) == expected
 
 
 def test_a_burst_goes_and_the_drive_around_it_stays():
@@ -112,10 +112,10 @@ def test_a_burst_goes_and_the_drive_around_it_stays():
     burst = make_events(t=59_500 + 80 * np.arange(12), x=x, y=y)
     filter_ = BurstFilter(SENSOR)
     found = [
-        filter_.update(np.concatenate([quiet[:2], burst, quiet[2:]])),
+        filter_.update(join_events([quiet[:2], burst, quiet[2:]])),
         filter_.finish(),
     ]
-    assert np.concatenate(found)["t"].tolist() == [0, 50_000, 90_000]
+    assert join_events(found)["t"].tolist() == [0, 50_000, 90_000]
     assert filter_.removed == 12
 
 

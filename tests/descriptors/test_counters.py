@@ -127,7 +127,7 @@ def test_an_event_off_the_sensor_is_an_error_and_not_another_pixel(pixel, positi
     """(8, 4) would be another pixel's address in a flat table, and is refused all the same."""
     n = 2 * _BLOCK + 5
     events = make_events(np.arange(n), np.zeros(n), np.zeros(n))
-    events["x"][position], events["y"][position] = pixel
+    events["x"][position], events.y[position] = pixel
     x, y, _ = columns(events, contiguous)
     table = np.full((5, 7), -1, dtype=np.int16)
     with pytest.raises(EventError, match="lies off the 7x5 sensor"):

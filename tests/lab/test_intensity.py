@@ -19,7 +19,7 @@ from lab.intensity import (
 from PIL import Image
 
 from edge_vpr.errors import EdgeVprError, RecordingError, UsageError
-from edge_vpr.events import Sensor
+from edge_vpr.events import Sensor, join_events
 from edge_vpr.simulation import CAMERAS, QUERY, SimulatedRecording, World
 from tests.recordings import recording_files as files
 
@@ -229,7 +229,7 @@ def test_simulated_images_show_the_light_that_makes_the_events():
     # one moment alone is what it is among others
     alone = next(iter(drive.light_at(at[7:8])))
     assert np.array_equal(alone, light[7])
-    events = np.concatenate(list(drive))
+    events = join_events(list(drive))
     sign = np.where(events["p"], 1, -1)
     change = np.zeros((len(at), 32, 32))
     step = np.searchsorted(at, events["t"], side="right") - 1

@@ -15,6 +15,7 @@ from lab.experiments import codes, fixed_number, mount_shift, rivals, trust
 
 from edge_vpr.errors import GroundTruthError, UsageError
 from edge_vpr.evaluation.ground_truth import GroundTruth, TruePositions
+from edge_vpr.events import join_events
 from edge_vpr.settings import PRESETS
 from edge_vpr.simulation import simulate_pair
 from tests.lab.in_process import rows_of
@@ -84,7 +85,7 @@ def test_pairs_of_published_traverses_are_cut_to_their_tracks(kind, tmp_path):
     (pair,) = drive_pairs.whole_pairs(tmp_path)
     assert pair.drives == PAIR and pair.settings.pixels == 150 and pair.has_events
     for drive, track in zip((pair.reference, pair.query), pair.tracks, strict=True):
-        times = np.concatenate(list(drive))["t"]
+        times = join_events(list(drive))["t"]
         assert (times[0], times[-1], track.time_us[-1]) == (0, 22_950_000, 23_000_000)
     centres = np.arange(23) * SECOND + SECOND // 2
     # 10.007 m/s on a sphere: within 70 m of a place for less than 7 s
@@ -196,7 +197,7 @@ def test_a_recording_that_begins_after_its_track_has_the_positions_of_its_times(
     first = round(traverse.beginning_s * SECOND)
     write_parquet(path, first + np.arange(2 * SECOND, 14 * SECOND, SECOND // 20))
     late = datasets.open_drive(traverse, path)
-    times = np.concatenate(list(late.recording))["t"]
+    times = join_events(list(late.recording))["t"]
     assert (times[0], times[-1]) == (0, 8_950_000) and late.track.time_us[-1] == 9 * SECOND
     at = np.array([0, 5 * SECOND])
     np.testing.assert_array_equal(late.track.at(at), whole.track.at(at + 2 * SECOND))

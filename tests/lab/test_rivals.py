@@ -24,7 +24,7 @@ from edge_vpr.descriptors.pixels import PixelMap
 from edge_vpr.descriptors.windows import Descriptors, activity_of_drive, place_activity
 from edge_vpr.errors import UsageError
 from edge_vpr.evaluation.ground_truth import Alignment, from_alignment
-from edge_vpr.events import Sensor
+from edge_vpr.events import Sensor, join_events
 from edge_vpr.matching.distances import ReferenceIndex
 from edge_vpr.matching.drive import match_by_filter
 from edge_vpr.matching.place_filter import PATIENCE, PATIENCE_SMOOTHED, PlaceFilter
@@ -416,4 +416,4 @@ def test_a_kept_recording_has_the_faults_of_its_first_pass(tmp_path):
     assert [events["t"].tolist() for _ in range(2) for events in kept] == [[0, 2], [0, 2]]
     assert kept.faults.off_sensor == 1
     # events of other sources are checked by each pass
-    assert not hasattr(Kept(Drive(np.concatenate(list(kept)), Sensor(2, 2))), "faults")
+    assert not hasattr(Kept(Drive(join_events(list(kept)), Sensor(2, 2))), "faults")

@@ -28,7 +28,6 @@ PAIRS = (
     *((each.host, each.sends) for each in DEVICES),
     ("evpr", "evpr:frame=64"),
     ("evpr", "evpr:width=3,frame=100"),
-    ("edvs:format=E1,dialect=new,sync=1", "edvs:format=E1"),
 )
 SENSOR = Sensor(128, 128)
 MOST_PENDING = 36_000

@@ -72,7 +72,7 @@ def main():
                     camera.send(camera.encoder.start())
                     for i in range(20):
                         part = random_events(rng, 500, SENSOR, 25_000)
-                        part["t"] += i * 25_000
+                        part.t += i * 25_000
                         camera.play(part, lost=int(i % 4 == 3))
                     for i in range(20):  # events that come one by one are arrays of another kind
                         camera.play(make_events([600_000 + i], [1], [1]))

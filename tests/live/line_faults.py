@@ -15,7 +15,7 @@ from functools import cache
 import numpy as np
 import numpy.typing as npt
 
-from edge_vpr.events import Events, Sensor, make_events
+from edge_vpr.events import Events, Sensor, join_events, make_events
 from edge_vpr.live.protocols import Health, open_decoder, open_encoder
 from tests.live.devices import DEVICES
 from tests.streams import balanced
@@ -110,7 +110,7 @@ def join(parts: list[Sent]) -> Sent:
         np.concatenate([getattr(part, name) + a for part, a in zip(parts, at, strict=True)])
         for name in ("begin", "end", "since")
     )
-    events = np.concatenate([part.events for part in parts])
+    events = join_events([part.events for part in parts])
     data = b"".join(part.data for part in parts)
     return Sent(events, data, begin, end, since, parts[0].timed)
 

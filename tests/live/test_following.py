@@ -17,7 +17,7 @@ from edge_vpr.online.localiser import Localiser
 from edge_vpr.online.schedule import MatchSchedule
 from tests.online.test_filter_run import map_of as filtered_map
 from tests.online.test_localiser import PIXELS, SENSOR, check_state, map_of
-from tests.streams import balanced, random_events
+from tests.streams import balanced, random_events, split_events
 
 #: a camera that has more pixels than the map's sensor, with fields of the same widths
 CAMERA = Sensor(8, 8)
@@ -174,7 +174,7 @@ def test_a_stream_gives_the_results_of_its_events_whatever_comes_and_however_it_
         lost = int(rng.random() < 0.02)
         found = live.feed(data, 0, dropped=lost)
         events, matches = separate.feed(data, lost)
-        assert found.events.tobytes() == events.tobytes()
+        assert found.events.tolist() == events.tolist()
         assert found.matches.tobytes() == matches.tobytes()
         assert live.decoder.health == separate.decoder.health
         assert balanced(live.decoder.health)
@@ -182,11 +182,10 @@ def test_a_stream_gives_the_results_of_its_events_whatever_comes_and_however_it_
             separate.check_missing(match, missing)
     assert live.bursts_removed == (separate.bursts.removed if remove_bursts else 0)
     last = live.finish()
-    events, found = (each.tobytes() for each in (last.events, last.matches))
     ended = separate.decoder.finish()
     matches = separate.match(ended, separate.decoder.reached_us)
-    matches = matches.tobytes()
-    assert (events, found) == (ended.tobytes(), matches)
+    assert last.events.tolist() == ended.tolist()
+    assert last.matches.tobytes() == matches.tobytes()
     check_state(live._localiser)
 
 
@@ -196,7 +195,7 @@ def test_time_of_dropped_bytes_has_no_matches_if_the_next_piece_has_no_whole_eve
     reference = a_map(rng, "sequence", "time", remove_bursts=False)
     begun = random_events(rng, 200, SENSOR, 20_000)
     later = random_events(rng, 200, SENSOR, 20_000)
-    later["t"] += 100_000
+    later.t += 100_000
     encoder = open_encoder("evt2", SENSOR)
     before, after = (encoder.encode(each) for each in (begun, later))
     live = LiveLocaliser(open_decoder("evt2", SENSOR), reference, every, causal_bursts=True)
@@ -217,7 +216,7 @@ def test_frames_one_by_one_and_all_at_once_give_the_same(kind):
     events = random_events(rng, n, SENSOR, max(6_000, n // 3))
     encoder = open_encoder("evpr", SENSOR)
     cuts = np.cumsum(rng.choice([1, 7, 400, 3_000], n)).astype(int)
-    frames = [encoder.encode(part) for part in np.split(events, cuts[cuts < n])]
+    frames = [encoder.encode(part) for part in split_events(events, cuts[cuts < n])]
     results = []
     for pieces in (frames, [b"".join(frames)]):
         decoder = open_decoder("evpr", SENSOR)
@@ -227,5 +226,5 @@ def test_frames_one_by_one_and_all_at_once_give_the_same(kind):
             [np.concatenate(each).tobytes() for each in list(zip(*steps, strict=True))[:2]]
         )
     assert results[0] == results[1]
-    assert len(results[0][0]) == events.nbytes
+    assert len(results[0][0]) == np.asarray(events).nbytes
     assert len(results[0][1]) > 0

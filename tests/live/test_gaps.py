@@ -9,12 +9,14 @@ import pytest
 
 from edge_vpr.descriptors.unseen import UnseenTime
 from edge_vpr.descriptors.windows import FixedCount, FixedTime
+from edge_vpr.events import join_events
 from edge_vpr.live.localiser import LiveLocaliser
 from edge_vpr.live.position import Locator
 from edge_vpr.live.protocols import open_decoder, open_encoder
 from edge_vpr.online.schedule import MatchSchedule
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.simulation import simulate_pair
+from tests.streams import split_events
 
 PIECE_US = 20_000
 #: when nothing is seen, in seconds of the drive; without a gap, matches are accepted then
@@ -32,7 +34,7 @@ def street():
     track = second.track
     return (
         reference.matched_with(settings),
-        np.concatenate(list(second)),
+        join_events(list(second)),
         lambda time_us: np.interp(time_us, track.time_us, track.position[:, 0]),
     )
 
@@ -50,7 +52,7 @@ def live_matches(reference, events, device, restarts, gap_s):
     )
     begins = np.arange(0, int(events["t"][-1]), PIECE_US)
     cuts = np.searchsorted(events["t"], begins[1:])
-    for begin_us, part in zip(begins.tolist(), np.split(events, cuts), strict=True):
+    for begin_us, part in zip(begins.tolist(), split_events(events, cuts), strict=True):
         piece, host_us = part.copy(), begin_us + PIECE_US
         away = 1e6 * BEGIN_S <= begin_us < 1e6 * (BEGIN_S + gap_s)
         if away and restarts:  # its clock begins with the next piece
@@ -58,7 +60,7 @@ def live_matches(reference, events, device, restarts, gap_s):
             again = f"{device}:boot=9" if device == "evpr" else device
             encoder = open_encoder(again, decoder.sensor)
             continue
-        piece["t"] -= begun_us
+        piece.t -= begun_us
         data = encoder.encode(piece)
         if away:
             continue

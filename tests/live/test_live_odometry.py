@@ -17,7 +17,7 @@ from edge_vpr_tools.cli import main
 from edge_vpr.descriptors.counting import cleaned
 from edge_vpr.errors import UsageError
 from edge_vpr.evaluation.tables import load_odometry
-from edge_vpr.events import Sensor
+from edge_vpr.events import Sensor, join_events
 from edge_vpr.live.bridge import Bridge, LineFaults, open_device_link
 from edge_vpr.live.odometer import DrivenAndMatched, OdometerLine, OdometerReader
 from edge_vpr.live.protocols import open_encoder
@@ -30,7 +30,7 @@ from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.route import OdometerCheck, Odometry
 from edge_vpr.settings import Settings
 from edge_vpr.simulation import simulate_pair
-from tests.streams import Drive, random_events
+from tests.streams import Drive, random_events, split_events
 
 SENSOR = Sensor(64, 48)
 
@@ -171,7 +171,7 @@ class TalkingOdometer:
 
 
 def test_a_run_with_an_odometer_is_the_offline_one_with_the_readings_of_its_log(drive, tmp_path):
-    events = np.concatenate(list(open_recording(drive / "query.npz")))
+    events = join_events(list(open_recording(drive / "query.npz")))
     port, odometer, end = played(drive)
     log = tmp_path / "run.jsonl"
     words = ["stream", "--port", port, "--protocol", "evpr", "--once", "--every", "100ms"]
@@ -236,7 +236,7 @@ def played(
 
     The odometer shows `shown_m` of the time of the newest event that was sent.
     """
-    events = np.concatenate(list(open_recording(drive / query)))
+    events = join_events(list(open_recording(drive / query)))
     link = open_device_link("tcp://127.0.0.1:0")
     bridge = Bridge(link, open_encoder("evpr", SENSOR), speed=speed, faults=faults)
     odometer = TalkingOdometer(
@@ -393,7 +393,7 @@ def street():
     """A map with positions, and another drive's cleaned events and metres."""
     first, second = simulate_pair(seed=0, length_m=100.0)
     reference = ReferenceMap.build(first, track=first.track, tau="500ms")
-    events = np.concatenate(list(cleaned(second, reference.settings)))
+    events = join_events(list(cleaned(second, reference.settings)))
     (metres,) = second.track.position.T
     return reference, events, lambda t_us: np.interp(t_us, second.track.time_us, metres)
 
@@ -403,7 +403,7 @@ def correct_share(street, shown_m=None):
     reference, events, metres_at = street
     localiser = reference.localiser("window")
     found = []
-    for piece in np.array_split(events, events.size // 2_000):
+    for piece in split_events(events, events.size // 2_000):
         found.append(localiser.update(piece))
         if shown_m is not None:
             time_us = int(piece["t"][-1])

@@ -24,7 +24,7 @@ from edge_vpr_tools.cli import main
 from edge_vpr import LiveSession
 from edge_vpr.descriptors.counting import cleaned
 from edge_vpr.errors import UsageError
-from edge_vpr.events import Sensor, make_events
+from edge_vpr.events import Sensor, join_events, make_events
 from edge_vpr.live.bridge import Bridge, LineFaults, open_device_link
 from edge_vpr.live.links import LinkError
 from edge_vpr.live.position import Locator, PathPosition
@@ -38,7 +38,7 @@ from edge_vpr.route import Route
 from edge_vpr.settings import Settings
 from edge_vpr.simulation import simulate_pair
 from tests.live.devices import DEVICES
-from tests.streams import Drive, random_events
+from tests.streams import Drive, random_events, split_events
 
 ROOT = Path(__file__).parents[2]
 
@@ -50,7 +50,7 @@ def street(tmp_path_factory):
     first, second = simulate_pair(seed=0, length_m=200.0)
     ReferenceMap.build(first, track=first.track).save(folder / "map.npz")
     write_recording(folder / "query.npz", second)
-    return folder, np.concatenate(list(second)), second.track
+    return folder, join_events(list(second)), second.track
 
 
 #: The rover's program, which says each new speed and when it has stopped.
@@ -157,7 +157,7 @@ def test_a_rover_that_knows_no_place_does_not_drive_on(street):
     """As on a street that is not the map's; it has not heard all of it when it ends."""
     folder, _, _ = street
     other, _ = simulate_pair(seed=5, length_m=200.0)
-    events = np.concatenate(list(other))
+    events = join_events(list(other))
     rover = Rover(folder / "map.npz", events, 1_000, 2.0, limits={"SURE": 1.1, "BLIND_M": 0.5})
     said = rover.run.stdout.read().split()
     assert rover.bridge.sent_events < events.size
@@ -188,8 +188,8 @@ def test_a_rover_that_is_carried_back_stops_at_its_goal_all_the_same(street):
     metres = track.at(events["t"])[:, 0]
     first, again = events[metres < 100], events[metres > 30].copy()
     off_us = int(again["t"][0]) - int(first["t"][-1]) - 1
-    again["t"] -= off_us
-    rover = Rover(folder / "map.npz", np.concatenate([first, again]), 140, 2.0)
+    again.t -= off_us
+    rover = Rover(folder / "map.npz", join_events([first, again]), 140, 2.0)
     assert "None" not in rover.wait_for("reached")
     stopped_m = track.at(np.array([rover.close() + off_us]))[0, 0]
     along_m = ReferenceMap.load(folder / "map.npz").route.along_m
@@ -309,7 +309,7 @@ def test_the_matches_of_every_protocol_are_those_of_the_recording(
 ):
     events = query.copy()
     if not device.startswith("evpr"):
-        events["t"] -= events["t"][0]  # time 0 is then that of the first event
+        events.t -= events["t"][0]  # time 0 is then that of the first event
     address, thread = camera(device, events)
     found = []
     with LiveSession(
@@ -460,7 +460,7 @@ def wait_until(condition, session, seconds=30):
 def test_a_link_that_dies_and_returns_is_told_and_costs_what_was_sent_meanwhile(
     kind, route, query, tmp_path, any_baud
 ):
-    before, meanwhile, after = np.split(query, [15_000, 25_000])
+    before, meanwhile, after = split_events(query, [15_000, 25_000])
     encoder, said = open_encoder("evpr", SENSOR), []
     port = tmp_path / "event-camera"  # a name of its own, as udev gives it
 
@@ -641,7 +641,7 @@ def test_what_is_recorded_and_learnt_is_complete_when_the_block_ends(route, quer
     ) as session:  # fmt: skip
         assert list(session) == []
     thread.join(timeout=5)
-    assert np.array_equal(np.concatenate(list(open_recording(events))), query)
+    assert np.array_equal(join_events(list(open_recording(events))), query)
     assert len(ReferenceMap.load(tmp_path / "map.npz")) == len(session.learnt) == 19
     with LiveSession(raw, protocol="evpr", reference=route) as again:
         assert [match.place for match in again] == offline(route, query)["place"].tolist()
@@ -667,7 +667,7 @@ def test_a_known_route_is_matched_while_a_map_with_other_settings_is_made(route,
 def test_a_known_map_learns_the_drive_that_it_is_matched_with(street, tmp_path, capsys):
     """As it does from a recording, with its own settings, and not those of matching live."""
     folder, target = street[0], tmp_path / "learnt.npz"
-    events, sent = np.concatenate(list(open_recording(folder / "query.npz"))), tmp_path / "sent.bin"
+    events, sent = join_events(list(open_recording(folder / "query.npz"))), tmp_path / "sent.bin"
     known = ReferenceMap.load(folder / "map.npz")
     encoder = open_encoder("evpr", known.pixel_map.sensor)
     parts = (encoder.encode(events[i : i + 1_000]) for i in range(0, events.size, 1_000))
@@ -793,7 +793,7 @@ def test_a_program_that_fails_leaves_whole_files(route, query, tmp_path):
             if match.query == 5:
                 raise ZeroDivisionError
     thread.join(timeout=20)
-    recorded = np.concatenate(list(open_recording(events)))
+    recorded = join_events(list(open_recording(events)))
     assert 0 < recorded.size == session.health.events
 
 
@@ -882,9 +882,9 @@ def test_a_camera_that_has_not_begun_does_not_stall(query, monkeypatch):
 def test_another_place_is_counted_in_the_health(street, tmp_path):
     """The query in a mirror is no place of the map."""
     known, sent = ReferenceMap.load(street[0] / "map.npz"), tmp_path / "sent.bin"
-    events = np.concatenate(list(open_recording(street[0] / "query.npz")))
+    events = join_events(list(open_recording(street[0] / "query.npz")))
     sensor = known.pixel_map.sensor
-    events["x"] = sensor.width - 1 - events["x"]
+    events.x = sensor.width - 1 - events["x"]
     encoder = open_encoder("evpr", sensor)
     parts = (encoder.encode(events[i : i + 1_000]) for i in range(0, events.size, 1_000))
     sent.write_bytes(encoder.start() + b"".join(parts))

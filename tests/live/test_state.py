@@ -16,7 +16,7 @@ import pytest
 from edge_vpr import LiveSession
 from edge_vpr.archive import read_archive, write_archive
 from edge_vpr.errors import UsageError
-from edge_vpr.events import Sensor
+from edge_vpr.events import Sensor, join_events
 from edge_vpr.live import state as state_module
 from edge_vpr.live.bridge import Bridge, VirtualLink, open_device_link
 from edge_vpr.live.localiser import LiveLocaliser
@@ -27,6 +27,7 @@ from edge_vpr.online.localiser import Localiser
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.simulation import simulate_pair
 from tests.live.devices import DEVICES
+from tests.streams import split_events
 
 ROOT = Path(__file__).parents[2]
 SENSOR = Sensor(128, 128)
@@ -37,7 +38,7 @@ def street_of(folder, length_m):
     """The file of a map with default settings, and another drive."""
     first, second = simulate_pair(seed=0, length_m=length_m)
     ReferenceMap.build(first, track=first.track).save(folder / "map.npz")
-    return folder / "map.npz", np.concatenate(list(second)), second.track
+    return folder / "map.npz", join_events(list(second)), second.track
 
 
 @pytest.fixture(scope="module")
@@ -81,7 +82,7 @@ def test_a_session_goes_on_where_the_one_before_was(host, device, clock, street,
     assert said == []
     late = between(events, 20, 24)
     true_m = track.at(late["t"][-1:])[0, 0]
-    late["t"] -= late["t"][0] if clock == "restarts" else 0
+    late.t -= late["t"][0] if clock == "restarts" else 0
     found, (said,) = played(late, tmp_path / "run.state", path, host, device, speed=4.0)
     assert "goes on" in said
     assert found[0].time_s > before[-1].time_s
@@ -110,14 +111,14 @@ def test_the_time_in_which_nothing_was_seen_gives_no_matches(count, first, how, 
     path, events, _ = street
     reference, encoder = ReferenceMap.load(path), open_encoder("evpr", SENSOR)
     live = LiveLocaliser(open_decoder("evpr", SENSOR), reference, "50ms")
-    for piece in np.array_split(between(events, 0, 4), 100):
+    for piece in split_events(between(events, 0, 4), 100):
         live.feed(encoder.encode(piece), int(piece["t"][-1]))
     if how == "another run":
         live = resumed(live, reference, 40_000_000)
     late, reopened, matches = between(events, 4, 6), how == "the same run", 0
-    late["t"] += 40_000_000
+    late.t += 40_000_000
     pieces = [encoder.idle(int(late["t"][0]) - 10)] if first != "events" else []
-    pieces += [encoder.encode(piece) for piece in np.array_split(late, count)]
+    pieces += [encoder.encode(piece) for piece in split_events(late, count)]
     missing = []
     for n, data in enumerate(pieces):
         found = live.feed(data, 44_000_000, reopened=reopened and n == 0)
@@ -133,7 +134,7 @@ def test_without_a_state_it_takes_longer(street, tmp_path):
     state, late = tmp_path / "run.state", between(events, 20, 24)
     played(between(events, 0, 20), state, path)
     found, _ = played(late, state, path)
-    late["t"] -= late["t"][0]
+    late.t -= late["t"][0]
     fresh, said = played(late, tmp_path / "other.state", path)
     assert said == []
     kept, anew = (np.mean([m.probability for m in each[:40]]) for each in (found, fresh))
@@ -148,17 +149,17 @@ def test_a_robot_that_drove_on_unseen_is_found_again(how, clock, street, tmp_pat
     reference, encoder = ReferenceMap.load(path), open_encoder("evpr", SENSOR)
     late = between(events, 17, 22)
     off_us = int(late["t"][0]) if clock == "restarts" else 0
-    late["t"] -= off_us
+    late.t -= off_us
     live = LiveLocaliser(open_decoder("evpr", SENSOR), reference)
     live.decoder.live = True  # the host's clock says how long a restart took
-    for piece in np.array_split(between(events, 0, 14), 700):
+    for piece in split_events(between(events, 0, 14), 700):
         live.feed(encoder.encode(piece), int(piece["t"][-1]))
     if how == "another run":
         live = resumed(live, reference, 3_000_000)
     if clock == "restarts":
         encoder = open_encoder("evpr:boot=1", SENSOR)
     locator, rows = Locator(reference), []
-    for n, piece in enumerate(np.array_split(late, 250)):
+    for n, piece in enumerate(split_events(late, 250)):
         reopened = how == "the same run" and n == 0
         found = live.feed(
             encoder.encode(piece), int(piece["t"][-1]) + 17_000_000, reopened=reopened
@@ -236,7 +237,7 @@ def test_after_another_start_of_the_machine_a_state_says_where_and_not_when(
     for begin_s in (10, 20):
         (tmp_path / "run.state").write_bytes(state)
         late = between(events, begin_s, begin_s + 4)
-        late["t"] -= late["t"][0]
+        late.t -= late["t"][0]
         true_m = track.at(np.array([1e6 * (begin_s + 4)], dtype=np.int64))[0, 0]
         found, (said,) = played(late, tmp_path / "run.state", path, speed=4.0)
         assert said == "goes on after another start of the machine"
@@ -373,7 +374,7 @@ class Camera:
                 continue
             end = int(np.searchsorted(self.events["t"], 1e6 * time.time() - self.begun_us))
             piece, sent = self.events[sent:end].copy(), end
-            piece["t"] -= self.off_us
+            piece.t -= self.off_us
             data = self.encoder.encode(piece) if self.listened and piece.size else b""
             while data and self.listened and not self.ended.is_set():
                 data = data[self.link.write(data, 0.1) :]
@@ -417,7 +418,7 @@ def rows(process):
     [
         ("evpr", "evpr", False),
         ("evpr", "evpr", True),
-        ("edvs:format=E3,dialect=new,sync=1", "edvs:format=E3", False),
+        ("edvs", "edvs", False),
     ],
 )
 def test_a_service_that_is_killed_goes_on_when_it_is_started_again(

@@ -24,7 +24,7 @@ from edge_vpr_tools.cli import main
 from edge_vpr.descriptors.cleaning import BurstFilter
 from edge_vpr.descriptors.counting import cleaned
 from edge_vpr.errors import MapError, RecordingError, UsageError
-from edge_vpr.events import Sensor, make_events
+from edge_vpr.events import Sensor, join_events, make_events
 from edge_vpr.live.bridge import Bridge, LineFaults, open_device_link
 from edge_vpr.live.localiser import LiveLocaliser
 from edge_vpr.live.match import LiveMatch
@@ -38,7 +38,7 @@ from edge_vpr.recordings import open_recording, write_recording
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.route import Route
 from edge_vpr.settings import Settings
-from tests.streams import Drive, random_events
+from tests.streams import Drive, random_events, split_events
 
 SENSOR = Sensor(64, 48)
 ROOT = Path(__file__).parents[2]
@@ -65,13 +65,13 @@ def reference(drive):
 @pytest.fixture
 def events(drive):
     """The events of the query."""
-    return np.concatenate(list(open_recording(drive / "query.npz")))
+    return join_events(list(open_recording(drive / "query.npz")))
 
 
 @pytest.fixture(scope="module")
 def sent(drive):
     """The query as a file of bytes."""
-    events = np.concatenate(list(open_recording(drive / "query.npz")))
+    events = join_events(list(open_recording(drive / "query.npz")))
     encoder = open_encoder("evpr", SENSOR)
     path = drive / "sent.bin"
     path.write_bytes(encoder.start() + encoder.encode(events))
@@ -81,9 +81,9 @@ def sent(drive):
 def offline(folder, every, *, from_first=False, of=None):
     """The matches of the recording as a file."""
     reference = ReferenceMap.load(folder / "map.npz")
-    events = np.concatenate(list(open_recording((of or folder) / "query.npz")))
+    events = join_events(list(open_recording((of or folder) / "query.npz")))
     if from_first:
-        events["t"] -= events["t"][0]
+        events.t -= events["t"][0]
     localiser = Localiser(reference, every=every)
     recording = Drive(events, SENSOR)
     return np.concatenate(
@@ -152,10 +152,10 @@ def test_live_matches_are_the_offline_ones_to_the_bit(port, protocol, drive, tmp
     assert (summary["events"], summary["lost"], summary["resyncs"]) == (40_000, 0, 0)
     assert summary["bytes"] == raw.stat().st_size
     # what was recorded gives the same again, as events and as bytes
-    again = np.concatenate(list(open_recording(events)))
+    again = join_events(list(open_recording(events)))
     assert again.size == 40_000
     decoder = open_decoder(host, SENSOR)
-    replayed = np.concatenate([decoder.feed(raw.read_bytes()), decoder.finish()])
+    replayed = join_events([decoder.feed(raw.read_bytes()), decoder.finish()])
     assert np.array_equal(replayed[["x", "y", "p"]], again[["x", "y", "p"]])
 
 
@@ -305,7 +305,7 @@ def test_a_host_that_is_held_up_goes_on_with_the_newest_and_says_what_is_gone(dr
     rng = np.random.default_rng(5)
     flood = random_events(rng, 600_000, SENSOR, 6_000_000)
     calm = random_events(rng, 60_000, SENSOR, 3_000_000)
-    calm["t"] += 6_000_000
+    calm.t += 6_000_000
     link = open_device_link("virtual")
     encoder = open_encoder("evpr", SENSOR)
     run = Running(
@@ -314,13 +314,13 @@ def test_a_host_that_is_held_up_goes_on_with_the_newest_and_says_what_is_gone(dr
     )  # fmt: skip
     greeted(link)
     sent_all(link, encoder.start())
-    for part in np.array_split(flood, 60):
+    for part in split_events(flood, 60):
         sent_all(link, encoder.encode(part))
         time.sleep(0.005)
     out: list[str] = []
     reader = threading.Thread(target=lambda: out.extend(run.process.stdout), daemon=True)
     reader.start()
-    for part in np.array_split(calm, 60):
+    for part in split_events(calm, 60):
         sent_all(link, encoder.encode(part))
         time.sleep(0.02)
     end = time.monotonic() + 30
@@ -355,11 +355,11 @@ def test_a_device_that_sees_nothing_says_so_and_is_matched_all_the_same(referenc
         assert steps[-1].events.size == 0
         assert steps[-1].matches["time_us"][-1] == now // 10_000 * 10_000
     later = events.copy()
-    later["t"] += last + 1_000_000
+    later.t += last + 1_000_000
     steps.append(live.feed(encoder.encode(later), 0))
     found = np.concatenate([*(step.matches for step in steps), live.finish().matches])
     localiser = Localiser(reference, every=every)
-    recording = Drive(np.concatenate([events, later]), SENSOR)
+    recording = Drive(join_events([events, later]), SENSOR)
     expected = [localiser.update(part) for part in cleaned(recording, reference.settings)]
     # silence brings matches early, and the same ones
     assert found.tobytes() == np.concatenate(expected).tobytes()
@@ -370,12 +370,12 @@ def test_a_device_that_sees_nothing_says_so_and_is_matched_all_the_same(referenc
 def test_single_events_give_the_matches_of_the_recording(bursts, drive, reference):
     settings = dataclasses.replace(reference.settings, remove_bursts=bursts == "removed")
     reference = dataclasses.replace(reference, settings=settings)
-    events = np.concatenate(list(open_recording(drive / "query.npz")))[:16_000]
+    events = join_events(list(open_recording(drive / "query.npz")))[:16_000]
     every = MatchSchedule(interval_us=10_000)
     encoder = open_encoder("evpr", SENSOR)
     live = LiveLocaliser(open_decoder("evpr", SENSOR), reference, every)
     steps = [live.feed(encoder.start(), 0)]
-    pieces = np.split(events, np.arange(1, events.size))
+    pieces = split_events(events, np.arange(1, events.size))
     steps += [live.feed(encoder.encode(piece), 0) for piece in pieces]
     steps.append(live.finish())
     found = np.concatenate([step.matches for step in steps])
@@ -392,7 +392,7 @@ def test_a_loss_between_two_ticks_flags_the_next_match(reference, events):
     live.feed(encoder.encode(events[20_000:20_010]), 0)
     encoder.encode(events[20_010:20_020])  # lost
     flags = {}
-    for piece in np.split(events[20_020:], np.arange(10, events.size - 20_020, 10)):
+    for piece in split_events(events[20_020:], np.arange(10, events.size - 20_020, 10)):
         step = live.feed(encoder.encode(piece), 0)
         flags.update(zip(step.matches["time_us"].tolist(), step.missing, strict=True))
     assert live.decoder.health.lost == 10
@@ -412,7 +412,7 @@ def test_a_causal_burst_filter_gives_a_match_with_the_event_that_it_needs(refere
     live.feed(encoder.start(), 0)
     exact.feed(encoder.start(), 0)
     late = 0
-    for piece in np.split(events, np.arange(20, events.size, 20)):
+    for piece in split_events(events, np.arange(20, events.size, 20)):
         sent = encoder.encode(piece)
         last = int(piece["t"][-1])
         for each in live.feed(sent, 0).matches:
@@ -432,13 +432,13 @@ def test_a_jump_of_the_clock_gives_one_match_and_is_counted(tells, reference, ev
     live = LiveLocaliser(open_decoder("evpr", SENSOR), reference, MatchSchedule(interval_us=500))
     assert not any(live.feed(encoder.start() + encoder.encode(events), 0).missing)
     later = events.copy()
-    later["t"] += last + jump_us
+    later.t += last + jump_us
     if tells == "silence":
         sent = encoder.idle(last + jump_us)
     elif tells == "event":
         sent = encoder.encode(later[:1])
     else:
-        sent = encoder.encode(np.concatenate([events[-1:], later[:1]]))
+        sent = encoder.encode(join_events([events[-1:], later[:1]]))
     step = live.feed(sent, 0)
     # ticks that the burst filter held back, and one of the jump
     assert 1 <= step.matches.size <= 10
@@ -543,8 +543,8 @@ def at_once(scenario, *choices):
 
 @pytest.mark.slow
 def test_a_signal_ends_a_run_with_its_summary_and_its_files(drive, tmp_path):
-    events = np.concatenate(list(open_recording(drive / "query.npz")))[:5_000]
-    events["t"] -= events["t"][0]  # the stream has no frame before its first event
+    events = join_events(list(open_recording(drive / "query.npz")))[:5_000]
+    events.t -= events["t"][0]  # the stream has no frame before its first event
     sent = open_encoder("evpr", SENSOR).encode(events)
 
     def interrupted_by(number):
@@ -558,7 +558,7 @@ def test_a_signal_ends_a_run_with_its_summary_and_its_files(drive, tmp_path):
         assert "5,000 events" in out
         assert "0 events lost on the way" in out
         assert "from byte to match" in out
-        recorded = np.concatenate(list(open_recording(recording)))
+        recorded = join_events(list(open_recording(recording)))
         assert np.array_equal(recorded, events)
         assert rows_of(log, "summary")[0]["events"] == 5_000
 
@@ -1059,7 +1059,7 @@ def test_a_while_of_silences_wraps_and_heartbeats_gives_the_matches_of_the_recor
         take(encoder.encode(events))
         reached = int(events["t"][-1])
         if protocol != "evpr":
-            events["t"] -= start  # only evpr tells when the stream began
+            events.t -= start  # only evpr tells when the stream began
         expected += [offline.update(piece) for piece in bursts.pieces(events)]
     found.append(live.finish().matches)
     expected.append(offline.update(bursts.finish()))

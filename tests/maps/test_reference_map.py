@@ -21,6 +21,7 @@ from edge_vpr_tools.live_view import row_of
 
 import edge_vpr as ev
 from edge_vpr.errors import EdgeVprError, UsageError
+from edge_vpr.events import join_events
 from edge_vpr.live.protocols import open_encoder
 from edge_vpr.live.session import LiveSession
 from edge_vpr.matching.matches import TABLE
@@ -161,7 +162,7 @@ def test_a_slice_of_time_is_the_recording_between_two_moments(folder):
     events = events_of(0)
     times = events["t"]
     for start, end in ((0.5, 1.25), (None, 1), (1.5, None), ("1/3", "0.75")):
-        part = np.concatenate(list(ev.open_recording(folder / "monday.npz", start=start, end=end)))
+        part = join_events(list(ev.open_recording(folder / "monday.npz", start=start, end=end)))
         first = 0 if start is None else round(1e6 * (1 / 3 if start == "1/3" else start))
         last = 2_000_000 if end is None else round(1e6 * float(end))
         kept = (times >= first) & (times < last)
@@ -227,7 +228,7 @@ def test_windows_that_hold_hardly_an_event_are_doubted(folder):
 def test_a_camera_that_sees_a_quarter_of_the_events_is_matched_live_too():
     first, second = simulate_pair(0, "tiny", length_m=200)
     route = ev.ReferenceMap.build(first, track=first.track, pixels=100)
-    events = np.concatenate(list(second))
+    events = join_events(list(second))
     few = events[np.random.default_rng(0).random(events.size) < 1 / 4]
     truth = (first.track, second.track)
     for how, begin in (({}, 0), ({"smooth": False}, 20), ({"every": "window"}, 20)):
@@ -261,7 +262,7 @@ def test_a_time_without_any_event_is_named_where_a_clock_may_have_jumped(route):
 
 def with_times(events, times):
     changed = events.copy()
-    changed["t"] = times
+    changed.t = times
     return ev.open_recording(changed, sensor=SENSOR)
 
 
@@ -465,7 +466,7 @@ def test_a_map_of_the_events_of_frames_differs_by_their_period_alone(tmp_path):
     frames = np.random.default_rng(2).integers(0, 4, (100, 12, 16)).astype(np.uint8)
     np.savez(tmp_path / "frames.npz", frames=frames)
     drive = ev.open_recording(tmp_path / "frames.npz", frame_period="1/30")
-    events, small = np.concatenate(list(drive)), {"pixels": 5, "sigma": 1}
+    events, small = join_events(list(drive)), {"pixels": 5, "sigma": 1}
     of_frames = ev.ReferenceMap.build(drive, **small)
     of_events = ev.ReferenceMap.build(events, sensor=drive.sensor, **small)
     assert of_events != of_frames
@@ -556,7 +557,7 @@ def wrong_uses():
         "the recording is a bytes": lambda drive, route: ev.describe(
             b"monday.raw", route.pixel_map, route.settings
         ),
-        "events are None: build": lambda drive, route: ev.crop(None, 0, 0, 5, 5),
+        "events are None: make": lambda drive, route: ev.crop(None, 0, 0, 5, 5),
         "table is None: give an array": lambda drive, route: ev.count_events(
             None, None, None, None
         ),
@@ -642,16 +643,6 @@ def test_types_of_public_names_can_be_read():
             if inspect.isfunction(function):
                 found = get_type_hints(function, localns=optional)
                 assert found.keys() == function.__annotations__.keys()
-
-
-def test_a_doubtful_unit_of_times_is_a_warning(folder):
-    events = events_of(0)
-    table = {name: events[name] for name in "xyp"} | {"t": events["t"] * 1000}
-    with (
-        pytest.warns(ev.EdgeVprWarning, match=r"in the mean, .* take longer windows"),
-        pytest.warns(ev.EdgeVprWarning, match="more likely, pass time_unit='ns'"),
-    ):
-        ev.ReferenceMap.build(table, sensor=SENSOR, **SMALL)
 
 
 def test_a_path_is_taken_where_a_recording_is(route, tmp_path):

@@ -23,7 +23,15 @@ from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.settings import Settings
 from tests import naive
 from tests.maps.saved_files import map_of as saved_map_of
-from tests.streams import Drive, as_tuples, cut_up, descriptors, random_events, with_sums
+from tests.streams import (
+    Drive,
+    as_tuples,
+    cut_up,
+    descriptors,
+    random_events,
+    split_events,
+    with_sums,
+)
 
 SENSOR = Sensor(6, 5)
 PIXELS = [(0, 0), (5, 4), (2, 3), (1, 0), (4, 1)]
@@ -216,7 +224,7 @@ def test_odd_streams_equal_the_oracle(name, window, size, places):
     )
     events = ODDITIES[name] if places < 5_000 else ODDITIES[name][:6]
     cuts = [0, *range(1, events.size, 3)]
-    found = feed_checked(Localiser(reference), np.split(events, cuts))
+    found = feed_checked(Localiser(reference), split_events(events, cuts))
     assert without_ratio(found) == expected_after_each_event(reference, events)
 
 
@@ -235,7 +243,7 @@ def test_a_chunk_of_a_million_events_equals_the_same_events_in_small_chunks():
     events = random_events(rng, n, SENSOR, 3 * n)
     every = MatchSchedule(events=n // 2_000)
     whole = Localiser(reference, every=every).update(events)
-    cut = feed(Localiser(reference, every=every), np.array_split(events, 777))
+    cut = feed(Localiser(reference, every=every), split_events(events, 777))
     assert whole.size > 300
     assert whole.tobytes() == cut.tobytes()
 
@@ -245,7 +253,7 @@ def test_the_ring_grows_when_a_window_holds_more_events_than_it():
     reference = map_of(rng.integers(0, 6, (30, 5)), tau_us=10**6, sequence_length=2)
     events = random_events(rng, 60_000, SENSOR, 3 * 10**6)
     localiser = Localiser(reference, every=MatchSchedule(events=2_000))
-    feed_checked(localiser, np.array_split(events, 3))
+    feed_checked(localiser, split_events(events, 3))
     selected = sum((x, y) in PIXELS for x, y in zip(events["x"], events["y"], strict=True))
     assert 2 * 4096 / 3 < localiser.run.settled().counts.sum() < selected
 

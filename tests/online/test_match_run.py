@@ -14,7 +14,7 @@ from numba import config
 from edge_vpr.compiling import SharedState
 from edge_vpr.confidence import Acceptance, Confidence
 from edge_vpr.errors import EventError, UsageError
-from edge_vpr.events import EVENT_DTYPE, make_events
+from edge_vpr.events import EVENT_DTYPE, Events, make_events
 from edge_vpr.matching.matches import margin_to_second, ratio_to_second
 from edge_vpr.online.kernels import CHUNK_EVENTS, process_events, selected_in_order
 from edge_vpr.online.localiser import Localiser
@@ -25,7 +25,7 @@ from fixedpoint.own_mean import OwnMeanCode
 from tests.online.test_filter_run import map_of as filtered_map
 from tests.online.test_filter_run import with_ways
 from tests.online.test_localiser import CODED, PIXEL_MAP, PIXELS, SENSOR, check_state, feed, map_of
-from tests.streams import as_tuples, random_events, with_sums
+from tests.streams import as_tuples, random_events, split_events, with_sums
 
 TABLE = Confidence(
     np.array([-5, 0, 4, 30], dtype=np.int64),
@@ -62,7 +62,7 @@ def test_more_than_a_few_events_go_by_columns_and_give_the_same():
     every = MatchSchedule(events=5)
     whole = Localiser(reference, every=every).update(events)
     found = feed(
-        Localiser(reference, every=every), np.split(events, [CHUNK_EVENTS, CHUNK_EVENTS + 1])
+        Localiser(reference, every=every), split_events(events, [CHUNK_EVENTS, CHUNK_EVENTS + 1])
     )
     assert whole.size > 100
     assert found.tobytes() == whole.tobytes()
@@ -95,7 +95,8 @@ def test_selected_events_are_those_at_the_pixels_of_the_table(seed, n):
     rng = np.random.default_rng(seed)
     events = random_events(rng, n, SENSOR, 1_000)
     slots, times = np.empty(n, dtype=np.int32), np.empty(n, dtype=np.int64)
-    found = selected_in_order(PIXEL_MAP.table(), events, 0, slots, times)
+    columns = events.t, events.x, events.y
+    found = selected_in_order(PIXEL_MAP.table(), *columns, 0, slots, times)
     expected = [(PIXELS.index((x, y)), t) for t, x, y, _ in as_tuples(events) if (x, y) in PIXELS]
     assert list(zip(slots[:found].tolist(), times[:found].tolist(), strict=True)) == expected
 
@@ -145,7 +146,7 @@ def test_a_few_events_that_are_refused_change_nothing(kind, wrong, error, says):
     rng = np.random.default_rng(4)
     reference = a_map(rng, kind, "time", {})
     first, rest = random_events(rng, 300, SENSOR, 100), random_events(rng, 300, SENSOR, 900)
-    first["t"][-1], rest["t"] = 100, rest["t"] + 100
+    first.t[-1], rest.t = 100, rest.t + 100
     every = MatchSchedule(events=1, interval_us=40)
     whole, tried = Localiser(reference, every=every), Localiser(reference, every=every)
     before = [whole.update(first), tried.update(first)]
@@ -163,10 +164,12 @@ def test_a_few_events_of_any_memory_layout_are_the_same_events():
     spread = np.zeros(2 * events.size, dtype=EVENT_DTYPE)
     spread[::2] = events
     read_only = events.copy()
-    read_only.setflags(write=False)
+    for column in read_only.columns:
+        column.setflags(write=False)
     other = of_another_layout(events)
-    for given_events in (spread[::2], read_only, events.view(np.recarray), other):
-        pieces = np.split(given_events, range(10, events.size, 10))
+    apart = Events(*(np.repeat(column, 2)[::2] for column in events.columns))
+    for given_events in (spread[::2], read_only, apart, np.asarray(events), other):
+        pieces = split_events(given_events, range(10, events.size, 10))
         found = feed(Localiser(reference), pieces)
         assert found.tobytes() == expected.tobytes()
 

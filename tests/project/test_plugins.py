@@ -14,7 +14,7 @@ from lab.baselines import baseline_names, compare, open_baseline
 
 from edge_vpr.descriptors.pixels import PixelMap
 from edge_vpr.errors import RecordingError, UsageError
-from edge_vpr.events import Sensor
+from edge_vpr.events import Sensor, join_events
 from edge_vpr.live.protocols import open_decoder, open_encoder
 from edge_vpr.recordings import open_recording, write_recording
 from edge_vpr.reference_map import ReferenceMap
@@ -127,10 +127,10 @@ def test_a_format_of_another_package_is_read_by_its_suffix_or_name(tmp_path, cap
     rows = np.array([(5, 1, 2), (9, 3, 4)], [("t", "<i8"), ("x", "<u2"), ("y", "<u2")])
     for name in ("a.pairs", "a.bin"):
         rows.tofile(tmp_path / name)
-    events = np.concatenate(list(open_recording(tmp_path / "a.pairs", sensor=SENSOR)))
+    events = join_events(list(open_recording(tmp_path / "a.pairs", sensor=SENSOR)))
     assert events["t"].tolist() == [0, 4] and events["x"].tolist() == [1, 3]
     named = open_recording(tmp_path / "a.bin", sensor=SENSOR, format="pairs")
-    assert np.array_equal(np.concatenate(list(named)), events)
+    assert np.array_equal(join_events(list(named)), events)
     main(["info", str(tmp_path / "a.pairs"), "--sensor", "24x20"])
     assert "pairs (pairs of time and pixel)" in capsys.readouterr().out
     (tmp_path / "short.pairs").write_bytes(rows.tobytes()[:-1])
@@ -170,12 +170,12 @@ def test_a_stream_is_recorded_into_a_format_of_another_package(drive, tmp_path, 
 
 @pytest.mark.usefixtures("as_the_page_says")
 def test_a_protocol_of_another_package_is_decoded_and_imitated(drive):
-    events = np.concatenate(list(drive))
+    events = join_events(list(drive))
     encoder, decoder = open_encoder("mine", SENSOR), open_decoder("mine", SENSOR)
     decoder.warm_up()
     assert decoder.health == open_decoder("mine", SENSOR).health
     sent = bytearray(encoder.encode(events))
-    assert sent.startswith(b"%d %d %d %d\n" % tuple(events[0].tolist()))
+    assert sent.startswith(b"%d %d %d %d\n" % events.tolist()[0])
     fault = sent.index(b"\n", 5_000) + 1
     sent[fault : fault + 1] = b"?"
     parts = [decoder.feed(bytes(sent[at : at + 997])) for at in range(0, len(sent), 997)]

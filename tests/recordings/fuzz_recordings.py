@@ -35,7 +35,7 @@ from pathlib import Path
 import numpy as np
 
 from edge_vpr.errors import EdgeVprError, EdgeVprWarning
-from edge_vpr.events import EVENT_DTYPE, TIME_LIMIT_US, Sensor, make_events
+from edge_vpr.events import TIME_LIMIT_US, Events, Sensor, join_events, make_events
 from edge_vpr.recordings import WRITTEN, open_recording, write_recording
 from tests.recordings import recording_files as files
 
@@ -333,8 +333,8 @@ def read(path: Path, chunk: int) -> tuple[np.ndarray, str]:
                     break
     except EdgeVprError as error:
         _check_error(error, path)
-        return np.concatenate(parts) if parts else np.empty(0, EVENT_DTYPE), str(error)
-    return np.concatenate(parts), ""
+        return join_events(parts), str(error)
+    return join_events(parts), ""
 
 
 def _open(path: Path, chunk: int):  # type: ignore[no-untyped-def]
@@ -351,14 +351,13 @@ def _open(path: Path, chunk: int):  # type: ignore[no-untyped-def]
     sensor = recording.sensor
     if not sensor.possible or abs(recording.start_us) > TIME_LIMIT_US:
         raise BrokenPromise(f"sensor {sensor}, start {recording.start_us}")
-    recording.remark.encode("ascii")
     return recording
 
 
-def _check_events(events: np.ndarray, last: int | None) -> int:
+def _check_events(events: Events, last: int | None) -> int:
     t = events["t"]
-    if events.dtype != EVENT_DTYPE or not events.size:
-        raise BrokenPromise(f"{events.size} events of dtype {events.dtype}")
+    if not events.packed or not len(events):
+        raise BrokenPromise(f"{events!r}")
     if (t[1:] < t[:-1]).any() or (last is not None and t[0] < last):
         raise BrokenPromise("time runs backwards")
     if abs(int(t[0])) > 2 * TIME_LIMIT_US or abs(int(t[-1])) > 2 * TIME_LIMIT_US:

@@ -17,7 +17,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from edge_vpr.errors import EdgeVprError, EventError, RecordingError, UsageError
-from edge_vpr.events import EVENT_DTYPE, Sensor, make_events
+from edge_vpr.events import Sensor, join_events, make_events
 from edge_vpr.recordings import FORMATS, WRITTEN, open_recording, write_recording
 from edge_vpr.recordings.decoding import Unwrapper
 from edge_vpr.recordings.reading import Columns, FaultLog
@@ -35,7 +35,7 @@ def need(suffix: str) -> None:
 def read(path, **options):
     """All events of a recording, and the recording."""
     recording = open_recording(path, **options)
-    return np.concatenate(list(recording)), recording
+    return join_events(list(recording)), recording
 
 
 events_strategy = st.lists(
@@ -69,7 +69,7 @@ def test_what_is_written_is_read_again_to_the_bit_for_any_chunking(
     assert [p.name for p in path.parent.iterdir()] == [path.name]
 
     again, recording = read(path, chunk_events=chunk)
-    assert again.dtype == EVENT_DTYPE
+    assert again.packed
     assert recording.sensor == SENSOR
     assert recording.start_us == start
     assert np.array_equal(again, events)
@@ -128,24 +128,6 @@ def test_faulty_events_are_dropped_and_counted_as_plain_python_does_for_any_chun
     assert kept == good
     assert (log.faults.backwards, log.faults.off_sensor) == (late, off)
     assert log.faults.total == len(rows) - len(good)
-
-
-@given(
-    rows=st.lists(st.tuples(st.integers(0, 9), st.integers(0, 4)), min_size=1, max_size=10),
-    chunk=st.integers(1, 10),
-    unit=st.sampled_from([400_000, 600_000, 1 << 29]),
-)
-def test_times_far_ahead_and_wraps_are_judged_alike_for_any_chunking(rows, chunk, unit):
-    times, x = (np.array(column) for column in zip(*rows, strict=True))
-    kept = []
-    for size in (chunk, len(rows)):
-        log = FaultLog(Path("x"), Sensor(4, 5), "drop", origin_us=0)
-        parts = [
-            log.admit(Columns(*(c[i : i + size] for c in (times * unit, x, x, x > 1))))
-            for i in range(0, len(rows), size)
-        ]
-        kept.append((np.concatenate([*parts, log.finish()]).tolist(), log.faults))
-    assert kept[0] == kept[1]
 
 
 @pytest.mark.parametrize(
@@ -384,7 +366,7 @@ print(n, tracemalloc.get_traced_memory()[1])
         rng = np.random.default_rng(0)
         for i in range(60):
             events = random_events(rng, 50_000, SENSOR, 10**6)
-            events["t"] += i * 10**6
+            events.t += i * 10**6
             yield events
 
     for suffix in (".npz", ".raw"):

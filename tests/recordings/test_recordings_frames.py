@@ -12,14 +12,14 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from edge_vpr.errors import EdgeVprWarning, RecordingError, UsageError
-from edge_vpr.events import Sensor
+from edge_vpr.events import Sensor, join_events
 from edge_vpr.recordings import open_recording, parse_period, read_count_frames
 
 THIRTIETH = Fraction(1, 30)
 
 
 def events_of(path, **options):
-    return np.concatenate(list(open_recording(path, **options)))
+    return join_events(list(open_recording(path, **options)))
 
 
 def plain_expansion(frames, period):
@@ -63,7 +63,7 @@ def test_frames_become_the_events_that_plain_python_makes_of_them(
             open_recording(path, frame_period=period)
         return
     recording = open_recording(path, frame_period=period, chunk_events=chunk)
-    events = np.concatenate(list(recording))
+    events = join_events(list(recording))
     assert events.tolist() == plain_expansion(frames.tolist(), period)
     assert (recording.format, recording.start_us) == ("frames", 0)
     assert recording.sensor == Sensor(frames.shape[2], frames.shape[1])

@@ -19,14 +19,11 @@ import numpy as np
 import pytest
 
 from edge_vpr.errors import EdgeVprError, RecordingError
-from edge_vpr.events import EVENT_DTYPE, Sensor, make_events
+from edge_vpr.events import EVENT_DTYPE, Sensor, join_events, make_events
 from edge_vpr.recordings import decoding, frames, open_recording, write_recording
 from edge_vpr.recordings.decoding import DecompressionError, expand
 from edge_vpr.recordings.reading import foreign_errors
 from tests.recordings import recording_files as files
-
-# what a recording remarks is compared as `remark`
-pytestmark = pytest.mark.filterwarnings("ignore::edge_vpr.EdgeVprWarning")
 
 SENSOR = Sensor(40, 30)
 FUZZER = Path(__file__).with_name("fuzz_recordings.py")
@@ -132,7 +129,9 @@ def bombs(tmp_path_factory):
             events = file.create_dataset("CD/events", (n,), rows, chunks=(chunk,), **filters)
             if filters:
                 events[:1] = 0
-    (folder / "number.csv").write_text("0,1,1,1\n3,1e999999999,1,1\n1e999999999,1,1,1\n")
+    (folder / "number.csv").write_text(
+        "t [us],x,y,p\n0,1,1,1\n3,1e999999999,1,1\n1e999999999,1,1,1\n"
+    )
     (folder / "huge.npy").write_bytes(npy_header((2**60,), "<i8") + b"1234")
     _statistics_of_another_schema(folder / "statistics.parquet")
     return folder
@@ -202,11 +201,11 @@ def test_decompression_stops_at_its_limit_and_joins_frames(monkeypatch):
 def test_a_frame_of_many_events_is_expanded_in_pieces_that_change_nothing(tmp_path, monkeypatch):
     rng = np.random.default_rng(0)
     np.savez(tmp_path / "a.npz", frames=rng.integers(0, 90, (3, 7, 9)))
-    whole = np.concatenate(list(open_recording(tmp_path / "a.npz", frame_period=1)))
+    whole = join_events(list(open_recording(tmp_path / "a.npz", frame_period=1)))
     for most in (50, 1000):
         monkeypatch.setattr(frames, "_MOST_EXPANDED", most)
         pieces = open_recording(tmp_path / "a.npz", frame_period=1)
-        assert np.array_equal(np.concatenate(list(pieces)), whole)
+        assert np.array_equal(join_events(list(pieces)), whole)
 
 
 def test_a_damaged_parquet_file_is_refused_with_its_place(tmp_path):
@@ -245,7 +244,7 @@ def test_a_column_that_is_shorter_than_its_header_is_a_cut_off_end(tmp_path):
     assert "cut off: 14 bytes" in refusal(tmp_path / "a.npz")
     for chunk in (1, 2, 3, 4, 99):
         recording = open_recording(tmp_path / "a.npz", on_fault="drop", chunk_events=chunk)
-        assert np.concatenate(list(recording))["x"].tolist() == [0, 1, 2]
+        assert join_events(list(recording))["x"].tolist() == [0, 1, 2]
         assert recording.faults.truncated == 14
 
 
@@ -267,8 +266,8 @@ def test_a_column_that_is_longer_than_its_header_is_refused(tmp_path):
         (np.array([0, -(2**60) - 1]), None, 1),
         (np.array([0, 2**44]), "s", 1),
         (np.array([0, 2**62]), "s", 1),
-        (np.array([0.0, 1e300]), None, 1),
-        (np.array([0.0, np.inf]), None, 1),
+        (np.array([0.0, 1e300]), "us", 1),
+        (np.array([0.0, np.inf]), "us", 1),
         (np.array([0, "NaT"], "M8[us]"), None, 1),
         (np.array([0, 2**60], "M8[7D]"), None, 1),
     ],
@@ -278,7 +277,7 @@ def test_a_time_that_does_not_fit_or_is_none_is_no_event(t, unit, entry, tmp_pat
     text = refusal(tmp_path / "a.npz", time_unit=unit)
     assert f"entry {entry} is no event" in text or "lies beyond 2**60 us" in text
     recording = open_recording(tmp_path / "a.npz", time_unit=unit, on_fault="drop")
-    assert np.concatenate(list(recording))["t"].tolist() == [0]
+    assert join_events(list(recording))["t"].tolist() == [0]
     assert recording.faults.unreadable == 1
 
 
@@ -295,7 +294,7 @@ def test_a_time_that_does_not_fit_or_is_none_is_no_event(t, unit, entry, tmp_pat
 )
 def test_datetimes_of_any_scale_are_microseconds(dtype, us, tmp_path):
     columns_npz(tmp_path / "a.npz", np.array([0, 3], dtype))
-    assert np.concatenate(list(open_recording(tmp_path / "a.npz")))["t"].tolist() == [0, us]
+    assert join_events(list(open_recording(tmp_path / "a.npz")))["t"].tolist() == [0, us]
 
 
 @pytest.mark.parametrize(
@@ -326,7 +325,7 @@ def test_a_polarity_byte_beyond_1_is_on_and_no_strange_boolean(tmp_path):
     events = make_events([0, 1, 2], [0, 0, 0], [0, 0, 0], [1, 0, 1])
     np.save(tmp_path / "a.npy", events)
     data = (tmp_path / "a.npy").read_bytes()
-    at = data.index(events.tobytes()) + EVENT_DTYPE.itemsize - 1
+    at = data.index(np.asarray(events).tobytes()) + EVENT_DTYPE.itemsize - 1
     (tmp_path / "a.npy").write_bytes(data[:at] + b"\x07" + data[at + 1 :])
     (again,) = open_recording(tmp_path / "a.npy", sensor=SENSOR)
     assert again["p"].copy().view(np.uint8).tolist() == [1, 0, 1]
@@ -338,7 +337,7 @@ def test_csv_carries_sensor_and_start_and_stays_readable_for_others(tmp_path):
     write_recording(path, events, sensor=SENSOR, start_us=-77)
     recording = open_recording(path)
     assert (recording.sensor, recording.start_us) == (SENSOR, -77)
-    assert np.array_equal(np.concatenate(list(recording)), events)
+    assert np.array_equal(join_events(list(recording)), events)
     table = np.genfromtxt(path, delimiter=",", comments="#", skip_header=2)
     assert table.tolist() == [[3, 1, 2, 0], [9, 39, 29, 1]]
 
@@ -399,55 +398,6 @@ def test_no_foreign_exception_passes_the_wall(error, words):
     assert words in str(raised.value)
     with pytest.raises(KeyboardInterrupt), foreign_errors(Path("a.bin")):
         raise KeyboardInterrupt
-
-
-# --- times in another unit ------------------------------------------------------------------
-
-
-def test_a_clock_that_jumps_by_an_hour_makes_no_other_unit_likely(tmp_path):
-    rng, n = np.random.default_rng(0), 60_000
-    us = np.sort(rng.integers(0, 20_000_000, n)) + np.where(np.arange(n) < n // 2, 0, 3_600_000_000)
-    columns_npz(tmp_path / "a.npz", us, x=rng.integers(0, 40, n), y=rng.integers(0, 30, n))
-    assert open_recording(tmp_path / "a.npz").remark == ""
-
-
-def test_times_in_an_assumed_unit_that_are_implausible_are_remarked(tmp_path, capsys):
-    rng = np.random.default_rng(0)
-    n = 3000
-    ns = np.sort(rng.integers(0, 10**9, n))  # 3,000 events/s, stored in ns
-    columns_npz(tmp_path / "a.npz", ns, x=rng.integers(0, 40, n), y=rng.integers(0, 30, n))
-    remark = open_recording(tmp_path / "a.npz").remark
-    assert "3 events/s" in remark
-    assert "pass time_unit='ns'" in remark
-    assert open_recording(tmp_path / "a.npz", time_unit="us").remark == ""
-    assert open_recording(tmp_path / "a.npz", time_unit="ns").remark == ""
-    again = np.concatenate(list(open_recording(tmp_path / "a.npz")))
-    write_recording(
-        tmp_path / "b.npz", again, sensor=SENSOR
-    )  # ours: microseconds, as slow as it is
-    assert open_recording(tmp_path / "b.npz").remark == ""
-
-
-@pytest.mark.parametrize(
-    ("times", "unit"),
-    [
-        (1_587_452_582_350_000_000 + np.arange(50) * 10**6, "ns"),
-        (1_587_452_582_350_000.5 + np.arange(50) * 10**3, "us"),  # fractions are of seconds
-    ],
-)
-@pytest.mark.parametrize("on_fault", ["error", "drop"])
-def test_unix_times_beyond_the_range_of_the_assumed_unit_name_theirs(
-    times, unit, on_fault, tmp_path
-):
-    columns_npz(tmp_path / "a.npz", times, x=np.arange(50) % 40, y=np.arange(50) % 30)
-    with pytest.raises(RecordingError, match=f"if times are in {unit}, pass time_unit='{unit}'"):
-        open_recording(tmp_path / "a.npz", on_fault=on_fault)
-    assert open_recording(tmp_path / "a.npz", time_unit=unit).remark == ""
-    if unit == "ns":
-        lines = [f"{t},1,1,1\n" for t in times.tolist()]
-        (tmp_path / "a.csv").write_text("t,x,y,p\n" + "".join(lines))
-        with pytest.raises(RecordingError, match="if times are in ns, pass time_unit='ns'"):
-            open_recording(tmp_path / "a.csv", sensor=SENSOR, on_fault=on_fault)
 
 
 # --- full disks -----------------------------------------------------------------------------

@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from edge_vpr.errors import UsageError
-from edge_vpr.events import Sensor, check_events
+from edge_vpr.events import Sensor, check_events, join_events
 from edge_vpr.simulation import CAMERAS, Camera, PixelArray
 from edge_vpr.simulation.view import Noise
 from tests import naive
@@ -48,7 +48,7 @@ def test_every_pixel_fires_as_plain_python_says(data):
         pixels.step(light[k], times[k])
         if k in taken:
             parts.append(pixels.take())
-    events = np.concatenate([*parts, pixels.take()])
+    events = join_events([*parts, pixels.take()])
 
     check_events(events, sensor)
     found = by_pixel(events)

@@ -14,7 +14,7 @@ import pytest
 from edge_vpr_tools.cli import main
 
 from edge_vpr.archive import write_archive
-from edge_vpr.events import Sensor
+from edge_vpr.events import Sensor, join_events
 from edge_vpr.matching.matches import Matches
 from edge_vpr.recordings import Recording, open_recording, write_recording
 from edge_vpr.reference_map import MatchResult, ReferenceMap
@@ -595,7 +595,7 @@ def test_tau_auto_fits_the_window_to_a_slow_robot(log, tmp_path, capsys):
 
 def test_a_query_that_does_not_say_its_sensor_has_that_of_the_map(drive, tmp_path):
     """For every command that reads it beside the map or the matches."""
-    events = np.concatenate(list(open_recording(drive / "query.npz")))
+    events = join_events(list(open_recording(drive / "query.npz")))
     columns = [events[name] for name in "txyp"]
     np.savetxt(tmp_path / "query.csv", np.column_stack(columns), fmt="%d", delimiter=",")
     reference, query = drive / "map.npz", tmp_path / "query.csv"

@@ -54,7 +54,7 @@ class Camera:
         """Send half a second of events, at once."""
         span = int(seconds * 1e6)
         events = random_events(self._rng, 20_000, SENSOR, span)
-        events["t"] += self._now
+        events.t += self._now
         self._now += span
         self.write(self._encoder.encode(events))
 

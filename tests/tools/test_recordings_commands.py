@@ -12,7 +12,7 @@ from edge_vpr_tools import cli
 from edge_vpr_tools.inputs import tracked
 
 from edge_vpr.errors import RecordingError, UsageError
-from edge_vpr.events import Sensor, make_events
+from edge_vpr.events import Sensor, join_events, make_events
 from edge_vpr.recordings import WRITTEN, open_recording, write_recording
 from tests.streams import random_events
 
@@ -52,19 +52,6 @@ def test_info_of_a_sensor_that_is_not_stated_says_how_far_the_events_reach(tmp_p
     facts = json.loads(capsys.readouterr().out)
     assert (facts["sensor"], facts["largest_x"], facts["largest_y"]) == (None, 30, 90)
     assert facts["faults"]["off_sensor"] == 0
-
-
-@pytest.mark.parametrize(("microseconds", "doubted"), [(1, False), (1_000, True)])
-def test_info_judges_times_by_the_sensor_that_the_events_reach(
-    microseconds, doubted, tmp_path, capsys
-):
-    """Of the largest possible sensor, 400 events/s would be improbably few."""
-    rng = np.random.default_rng(0)
-    columns = [np.sort(rng.integers(0, 100_000_000, 40_000)) * microseconds]
-    columns += [rng.integers(0, side, 40_000) for side in (34, 28, 2)]
-    np.savetxt(tmp_path / "a.csv", np.transpose(columns), fmt="%d", delimiter=",")
-    assert cli.main(["info", str(tmp_path / "a.csv")]) == 0
-    assert ("more likely, pass --time-unit ns" in capsys.readouterr().err) == doubted
 
 
 def test_info_counts_faults_and_goes_on(tmp_path, capsys):
@@ -127,18 +114,6 @@ def test_info_says_what_a_map_holds(tmp_path, capsys):
     assert "along" in out
 
 
-def test_info_of_nearly_all_faulty_events_shows_them_and_fails(tmp_path, capsys):
-    t = np.arange(5_000)
-    np.savez(tmp_path / "a.npz", t=t, x=t % 1_000, y=t % 20)
-    assert cli.main(["info", str(tmp_path / "a.npz"), "--sensor", "30x20"]) == 1
-    out, err = capsys.readouterr()
-    assert "faults    4,850 off sensor" in out
-    assert "nearly all of its entries are faulty" in err
-    assert cli.main(["convert", str(tmp_path / "a.npz"), str(tmp_path / "b.npz"), "--on-fault",
-                     "drop", "--sensor", "30x20"]) == 1  # fmt: skip
-    assert not (tmp_path / "b.npz").exists()
-
-
 @pytest.mark.parametrize(
     ("first", "second"),
     [(".csv", ".txt"), (".npz", ".raw")],
@@ -152,7 +127,7 @@ def test_convert_goes_from_one_format_to_another(first, second, tmp_path, capsys
     assert out == f"{tmp_path / f'b{second}'}: 4 events of 40x30\n"
     assert err == ""
     again = open_recording(tmp_path / f"b{second}", sensor=SENSOR)
-    assert np.array_equal(np.concatenate(list(again)), EVENTS)
+    assert np.array_equal(join_events(list(again)), EVENTS)
 
 
 def test_the_help_of_convert_names_every_suffix_that_can_be_written(capsys):
@@ -167,7 +142,7 @@ def test_convert_of_frames_needs_their_period(tmp_path, capsys):
     with pytest.raises(UsageError, match="--frame-period"):
         run("convert", tmp_path / "a.npz", tmp_path / "b.npz")
     run("convert", tmp_path / "a.npz", tmp_path / "b.npz", "--frame-period", "1/30")
-    events = np.concatenate(list(open_recording(tmp_path / "b.npz")))
+    events = join_events(list(open_recording(tmp_path / "b.npz")))
     assert (events.size, events["t"][-1] // 33_333) == (120, 29)
 
 
@@ -196,7 +171,7 @@ def test_convert_onto_itself_is_refused_and_keeps_the_recording(tmp_path):
     with pytest.raises(UsageError, match="is the input"):
         run("convert", tmp_path / "a.npz", tmp_path / "a.npz", "--overwrite")
     again = open_recording(tmp_path / "a.npz")
-    assert np.array_equal(np.concatenate(list(again)), EVENTS)
+    assert np.array_equal(join_events(list(again)), EVENTS)
     assert again.start_us == 5
 
 
@@ -212,5 +187,5 @@ def test_a_terminal_gets_a_bar_and_the_events_all_the_same(tmp_path, monkeypatch
     recording = tracked(open_recording(tmp_path / "a.npz"), "reading it")
     assert recording.sensor == SENSOR
     for _ in range(2):
-        assert np.array_equal(np.concatenate(list(recording)), EVENTS)
+        assert np.array_equal(join_events(list(recording)), EVENTS)
     assert "reading it" in terminal.getvalue()

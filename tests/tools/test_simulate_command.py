@@ -15,6 +15,7 @@ from edge_vpr_tools.commands.simulate import SENSORS
 
 from edge_vpr.errors import UsageError
 from edge_vpr.evaluation.track_files import load_track
+from edge_vpr.events import join_events
 from edge_vpr.recordings import open_recording
 from edge_vpr.simulation import CAMERAS, QUERY, REFERENCE, simulate_pair
 
@@ -35,7 +36,7 @@ def test_the_files_hold_the_events_and_the_ground_truth_of_the_pair(folder):
     for name, simulated in zip(("reference", "query"), pair, strict=True):
         recording = open_recording(folder / f"{name}.npz")
         assert recording.sensor == simulated.sensor
-        assert np.array_equal(np.concatenate(list(recording)), np.concatenate(list(simulated)))
+        assert np.array_equal(join_events(list(recording)), join_events(list(simulated)))
         track = load_track(folder / f"{name}_track.csv")
         assert np.array_equal(track.time_us, simulated.track.time_us)
         assert np.abs(track.position - simulated.track.position).max() < 1e-4

@@ -49,10 +49,10 @@ def by_numpy(drive):
 
 def by_tonic(drive):
     tonic = pytest.importorskip("tonic.functional", reason="tonic is not installed")
-    size = (*SENSOR, 2)
+    size, records = (*SENSOR, 2), np.asarray(drive.events)
 
     def run():
-        frames = tonic.to_frame_numpy(drive.events, size, n_time_bins=1)
+        frames = tonic.to_frame_numpy(records, size, n_time_bins=1)
         return frames[0].sum(axis=0, dtype=np.int64).flat[drive.pixels]
 
     return run
@@ -80,14 +80,6 @@ WORKS = {
             "sum of the columns, Numba",
             lambda d: lambda: add_up(d.x, d.y),
             {"limit": True, "asked": 0.35},
-        ),
-    ),
-    "count 20 M events in an array of records": (
-        (OURS, lambda d: ours(d, d.events["x"], d.events["y"]), {}),
-        (
-            "sum of the fields, Numba",
-            lambda d: lambda: add_up(d.events["x"], d.events["y"]),
-            {"limit": True},
         ),
     ),
 }

@@ -130,7 +130,7 @@ def bench_unselected_counted(race, unselected):
     race(
         "1 M unselected events",
         "counting alone",
-        lambda: count_events(table, events["x"], events["y"], counts),
+        lambda: count_events(table, events.x, events.y, counts),
         0,
         limit=True,
         asked=round(1 / 1.3, 2),

@@ -13,6 +13,7 @@ import csv
 import sys
 from collections.abc import Iterator
 from dataclasses import replace
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -71,11 +72,12 @@ def played(reference: ReferenceMap, events: Events, gaps: list[Gap], line: str, 
     live, encoder = LiveLocaliser(decoder, reference, EVERY), open_encoder(device, decoder.sensor)
     locator, rows = Locator(reference), []
     begun_us = dropped = starts = 0
-    begins = np.arange(0, int(events["t"][-1]), PIECE_US)
-    cuts = np.searchsorted(events["t"], begins[1:])
-    for begin_us, part in zip(begins.tolist(), np.split(events, cuts), strict=True):
+    begins = np.arange(0, int(events.t[-1]), PIECE_US)
+    cuts = np.searchsorted(events.t, begins[1:])
+    parts = (events[a:b] for a, b in pairwise([0, *cuts.tolist(), len(events)]))
+    for begin_us, part in zip(begins.tolist(), parts, strict=True):
         host_us, piece = begin_us + PIECE_US, part.copy()
-        piece["t"] -= begun_us
+        piece.t -= begun_us
         data = encoder.encode(piece) or encoder.idle(host_us - begun_us)
         if any(gap.begin_us <= begin_us < gap.end_us for gap in gaps):
             dropped += len(data)
@@ -96,7 +98,7 @@ def recorded(reference: ReferenceMap, events: Events, gaps: list[Gap]) -> Came:
     """Match a recording of the drive, of whose windows each is judged at its middle."""
     kept = np.ones(events.size, dtype=np.bool_)
     for gap in gaps:
-        kept &= (events["t"] < gap.begin_us) | (events["t"] >= gap.end_us)
+        kept &= (events.t < gap.begin_us) | (events.t >= gap.end_us)
     matches = reference.match(events[kept]).matches
     assert reference.route is not None
     return Came(matches.time_us, reference.route.along_m[matches.place], ~matches.lost)
@@ -126,7 +128,7 @@ def rows(pairs: list[tuple[ReferenceMap, Events, SimulatedRecording]]) -> Iterat
         matches = accepted = right = 0
         waits: list[float] = []
         for reference, events, drive in pairs:
-            gaps = gaps_of(int(events["t"][-1]), length_s)
+            gaps = gaps_of(int(events.t[-1]), length_s)
             if line in LINES:
                 came = played(reference, events, gaps, line, loss)
             else:

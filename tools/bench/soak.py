@@ -24,7 +24,7 @@ import numpy as np
 
 from edge_vpr.descriptors.pixels import PixelMap
 from edge_vpr.descriptors.windows import Descriptors
-from edge_vpr.events import Sensor, make_events
+from edge_vpr.events import Sensor, join_events, make_events
 from edge_vpr.live.bridge import Bridge, VirtualLink
 from edge_vpr.live.protocols import open_encoder
 from edge_vpr.reference_map import ReferenceMap
@@ -93,7 +93,7 @@ def soak(protocol: str, minutes: float, baud: int, every: str, burst_filter: str
     encoder = open_encoder(protocol, sensor)
     # about what fits, as a protocol may take more bytes an event where there are few
     light = slices(rng, sensor, baud / 40)
-    probe = np.concatenate([next(light) for _ in range(100)])
+    probe = join_events([next(light) for _ in range(100)])
     bytes_per_event = len(open_encoder(protocol, sensor).encode(probe)) / probe.size
     rate = baud / 10 / bytes_per_event
     with tempfile.TemporaryDirectory() as folder:
@@ -101,7 +101,8 @@ def soak(protocol: str, minutes: float, baud: int, every: str, burst_filter: str
         a_map(rng, sensor).save(path)
         link = VirtualLink()
         words = ["stream", "--port", link.address, "--baud", str(baud), "--map", str(path)]
-        words += ["--protocol", protocol.partition(":")[0], "--json", "--every", every]
+        host = "evpr" if protocol.startswith("evpr") else protocol  # frames state their form
+        words += ["--protocol", host, "--json", "--every", every]
         words += ["--burst-filter", burst_filter]
         watched = Watched(words)
         bridge = Bridge(link, encoder)

@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from edge_vpr.descriptors.counting import EventSource, check_sensor, cleaned
 from edge_vpr.errors import UsageError
-from edge_vpr.events import Events
+from edge_vpr.events import Events, join_events
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.results import check_parent
 from edge_vpr_tools.estimate.of_map import memories_of
@@ -131,7 +131,7 @@ def _first_windows(
     for chunk in cleaned(recording, reference.settings):
         if not chunk.size:
             continue
-        selected = at_selected[chunk["y"], chunk["x"]]
+        selected = at_selected[chunk.y, chunk.x]
         keep = selected.copy()
         keep[[0, -1]] = True
         others = np.flatnonzero(~selected)
@@ -143,12 +143,12 @@ def _first_windows(
         if design.window == "count":
             enough = counted >= most_windows * design.window_events
         else:
-            enough = int(chunk["t"][-1]) >= most_windows * design.tau_us
+            enough = int(chunk.t[-1]) >= most_windows * design.tau_us
         if enough:
             break
     if not parts:
         raise UsageError("the recording holds no events: name another one")
-    return np.concatenate(parts), np.concatenate(masks)
+    return join_events(parts), np.concatenate(masks)
 
 
 def _end_of(windows: int, design: Design, events: Events, selected: npt.NDArray[np.bool_]) -> int:
@@ -156,7 +156,7 @@ def _end_of(windows: int, design: Design, events: Events, selected: npt.NDArray[
     if design.window == "count":
         last = np.searchsorted(np.cumsum(selected), windows * design.window_events)
     else:
-        last = np.searchsorted(events["t"], windows * design.tau_us)
+        last = np.searchsorted(events.t, windows * design.tau_us)
     return min(int(last) + 1, len(events))
 
 

@@ -15,7 +15,7 @@ import numpy as np
 from edge_vpr.descriptors.counting import CountPixels
 from edge_vpr.errors import MissingExtraError, RecordingError, UsageError
 from edge_vpr.evaluation.tracks import Track
-from edge_vpr.events import EVENT_DTYPE, Events
+from edge_vpr.events import EVENT_DTYPE, Events, join_events
 from edge_vpr.recordings.reading import OnFault
 from lab.datasets import (
     BRISBANE_TRAVERSES,
@@ -97,7 +97,7 @@ class _Traverses(Dataset):  # type: ignore[misc]  # tonic has no types
     def __getitem__(self, index: int) -> tuple[Any, Any]:
         chunks, target = self.stream(index)
         # This briefly needs twice the 13 bytes of each event; `stream` needs the bytes of a chunk.
-        events: Any = np.concatenate([np.empty(0, EVENT_DTYPE), *chunks])
+        events: Any = np.asarray(join_events(list(chunks)))
         labelled: Any = target
         if self.transform is not None:
             events = self.transform(events)
@@ -112,7 +112,7 @@ class _Traverses(Dataset):  # type: ignore[misc]  # tonic has no types
 
         Returns
         -------
-        chunks : iterator of ndarray of EVENT_DTYPE
+        chunks : iterator of Events
             Time 0 is that of the track; events before it and after the end of the track are left
             out.
         target : Target

@@ -67,10 +67,6 @@ class Decoder:
         self.live = False
         self.timestamps = TimestampFilter(sensor, clock, self.health)
 
-    def adopt(self, health: Health) -> None:
-        """Count in the `health` of another decoder from now on."""
-        self.health = self.timestamps.health = health
-
     @property
     def reached_us(self) -> int:
         """Time up to which the stream is known: no later event is earlier than this."""
@@ -118,7 +114,7 @@ class Decoder:
 
         Returns
         -------
-        ndarray of EVENT_DTYPE, shape (n,)
+        Events
             In time order, on the sensor, and not earlier than those returned before; n may be 0.
         """
         self._host_us = host_us
@@ -132,7 +128,7 @@ class Decoder:
 
         Returns
         -------
-        ndarray of EVENT_DTYPE, shape (n,)
+        Events
             Whole events that were waiting for bytes that will not come.
         """
         events = self._take(self._pending, final=True)
@@ -150,7 +146,7 @@ class Decoder:
 
         Returns
         -------
-        ndarray of EVENT_DTYPE, shape (n,)
+        Events
             Whole events that were waiting for bytes that will not come.
         """
         events = self._take(self._pending, final=True)

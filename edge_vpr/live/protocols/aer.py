@@ -134,7 +134,7 @@ class LayoutDecoder(WordDecoder):
         yield damaged_sample(LayoutEncoder("sample", self.layout, self.sensor))
 
     def _readings(self, raw: Raw, most: int) -> list[Reading]:
-        return read_words(raw, most, self._form)
+        return [Reading(*row) for row in _read(raw, most, self._form).tolist()]
 
     def _take_words(self, raw: Raw) -> tuple[int, Columns, bool]:
         words = raw.size // self.layout.size
@@ -147,11 +147,6 @@ class LayoutDecoder(WordDecoder):
     def _lose_sync(self) -> None:
         super()._lose_sync()
         self._memory[0] = _NOTHING
-
-
-def read_words(raw: Raw, most: int, form: Form) -> list[Reading]:
-    """Evaluate up to `most` words from each offset; `form` is that of `Layout.form`."""
-    return [Reading(*row) for row in _read(raw, most, form).tolist()]
 
 
 @kernel
@@ -198,19 +193,18 @@ def _read(raw, most, form):  # type: ignore[no-untyped-def]
     size, big, t_at, t_mask = np.int64(f["size"]), f["big"] != 0, f["t"], f["t_mask"]
     late, span, period = np.int64(f["late"]), np.int64(f["span"]), np.int64(t_mask)
     sync_mask, sync = f["sync_mask"], f["sync"]
-    readings = np.zeros((min(size, raw.size - size + 1), 5))
+    readings = np.zeros((min(size, raw.size - size + 1), 4))
     steps = np.zeros(max(1, most - 1), dtype=np.int64)
     for offset in range(len(readings)):
         words = min(most, (raw.size - offset) // size)
         before = word_at(raw, offset, size, big)
         synced = before & sync_mask == sync
-        good, moves, marked = 1 if synced else 0, 1, sync_mask != 0 and synced
+        good, marked = 1 if synced else 0, sync_mask != 0 and synced
         first = 0 if synced and words == 1 else words
         for i in range(1, words):
             word = word_at(raw, offset + i * size, size, big)
             step = np.int64(word >> t_at & t_mask) - np.int64(before >> t_at & t_mask)
             steps[i - 1] = step & period
-            moves += word != before
             fits = (step + late) & period <= span
             # the first word after other bytes can only be checked against the next one
             if synced and fits:
@@ -222,7 +216,7 @@ def _read(raw, most, form):  # type: ignore[no-untyped-def]
             marked &= synced
         readings[offset, 0], readings[offset, 1] = good, first
         readings[offset, 2] = np.median(steps[: max(1, words - 1)]) if period else 0.0
-        readings[offset, 3], readings[offset, 4] = moves / words, marked
+        readings[offset, 3] = marked
     return readings
 
 
@@ -239,13 +233,13 @@ class LayoutEncoder(Encoder):
     def encode(self, events: Events) -> bytes:
         """Encode events; their times wrap."""
         layout = self.layout
-        polarity = events["p"] ^ layout.off_is_one
+        polarity = events.p ^ layout.off_is_one
         words = np.full(events.size, layout.sync_value, dtype=np.uint64)
         for where, values in (
-            (layout.x, events["x"]),
-            (layout.y, events["y"]),
+            (layout.x, events.x),
+            (layout.y, events.y),
             (layout.p, polarity),
-            (layout.t, events["t"] // layout.tick_us),
+            (layout.t, events.t // layout.tick_us),
         ):
             field = values.astype(np.int64) & where.mask
             words |= field.astype(np.uint64) << np.uint64(where.shift)

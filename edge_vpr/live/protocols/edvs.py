@@ -8,7 +8,7 @@ import numpy as np
 
 from edge_vpr.compiling import kernel
 from edge_vpr.errors import UsageError
-from edge_vpr.events import Events, Sensor, join_events
+from edge_vpr.events import Events, Sensor
 from edge_vpr.live.protocols import Clock, Decoder, Encoder, OptionReader, damaged_sample
 from edge_vpr.live.protocols.aer import (
     NOTICE_WORDS,
@@ -16,12 +16,17 @@ from edge_vpr.live.protocols.aer import (
     Layout,
     LayoutDecoder,
     LayoutEncoder,
-    read_words,
 )
-from edge_vpr.live.protocols.words import SEARCH_WORDS, Raw
+from edge_vpr.live.protocols.words import SEARCH_WORDS
 from edge_vpr.recordings.reading import Columns, empty_columns
 
-# Recognition of the eDVS format of a device from its bytes.
+# Formats.
+#
+# Byte 0 holds a sync bit and the row, byte 1 polarity and column. The time follows: none (E0), the
+# step since the previous event in 7-bit groups (E1), or 16, 24, 32 bits (E2, E3, E4). Firmware
+# older than the format with steps calls 16, 24 and 32 bits E1, E2 and E3. Some drivers and
+# firmware invert the sync bit. Format, dialect and sync bit are stated by the user; by default they
+# are E3, new and 1.
 
 
 #: Number of bits of the time for each format; -1 stands for steps, whose size varies.
@@ -30,11 +35,6 @@ BITS = {
     "new": {"E0": 0, "E1": STEPS, "E2": 16, "E3": 24, "E4": 32},
     "old": {"E0": 0, "E1": 16, "E2": 24, "E3": 32},
 }
-_NO_E4 = "edvs: the old dialect has no E4: its E3 has 32 bits"
-#: A format fits if more than this share of its words looks right; half of the words of noise do.
-FITS = 0.75
-#: The same share for formats without a time of fixed size.
-FITS_WITHOUT_TIME = 0.9
 
 
 def _layout_of(bits: int, sync: int) -> Layout:
@@ -49,71 +49,6 @@ def _layout_of(bits: int, sync: int) -> Layout:
         sync_mask=1 << (bits + 15),
         sync_value=sync << (bits + 15),
     )
-
-
-def detect(data: bytes, bits: Iterable[int], syncs: Iterable[int]) -> tuple[int, int] | None:
-    """Find the bits of the time and the sync bit of a stretch of bytes; None if nothing fits.
-
-    A wrong format may also fit, if one of its bytes hardly changes; time then runs faster. Formats
-    with steps or without time are chosen only if no other format fits.
-
-    Parameters
-    ----------
-    bits : iterable of int
-        Candidates for the number of bits of the time.
-    syncs : iterable of {0, 1}
-        Candidates for the sync bit.
-    """
-    raw, bits = np.frombuffer(data, dtype=np.uint8), set(bits)
-    fits = []
-    for sync in syncs:
-        for candidate in bits:
-            if candidate == STEPS:
-                share, pace = _share_of_steps(raw, sync), 0.0
-            else:
-                share, pace = _share(raw, _layout_of(candidate, sync))
-            rank = {0: 2, STEPS: 1}.get(candidate, 0)
-            if share > (FITS_WITHOUT_TIME if rank else FITS):
-                fits.append((rank, pace, -share, candidate, sync))
-    if not fits:
-        return None
-    *_, candidate, sync = min(fits)
-    return candidate, sync
-
-
-def _share(raw: Raw, layout: Layout) -> tuple[float, float]:
-    """Return the share of plausible words at the best offset, and how fast time runs there."""
-    found = [(0.0, 0.0)]
-    if raw.size >= layout.size:
-        for offset, reading in enumerate(read_words(raw, raw.size, layout.form())):
-            words = (raw.size - offset) // layout.size
-            # equal words come from a dead line; of few words, many are plausible by chance
-            share = reading.good / words * reading.moves - words**-0.5
-            found.append((share, reading.pace))
-    best = max(share for share, _ in found)
-    return best, min(pace for share, pace in found if share > best - 0.1)
-
-
-@kernel
-def _share_of_steps(raw, sync):  # type: ignore[no-untyped-def]
-    """Return the readable events with steps, as a share of these and the unreadable places.
-
-    No device sends a step in more bytes than it needs.
-    """
-    at, read, breaks = 0, 0, 0
-    while at + 2 < raw.size:
-        end = at + 2
-        while end < raw.size and raw[end] < 128 and end < at + 5:
-            end += 1
-        if end == raw.size:
-            break
-        if raw[at] >> 7 != sync or raw[end] < 128 or raw[at + 2] == 0:
-            breaks += 1
-            at += 1
-        else:
-            read += 1
-            at = end + 1
-    return read / max(1, read + breaks)
 
 
 # The eDVS format E1: 3 to 6 bytes an event, with the time since the previous event.
@@ -136,6 +71,9 @@ class StepDecoder(Decoder):
         self._searching = True
         self._columns = empty_columns(0)
         self.resync_bytes = (SEARCH_WORDS + NOTICE_WORDS + 1) * _LONGEST
+
+    def _samples(self) -> Iterable[bytes]:
+        yield damaged_sample(EdvsEncoder(self.sensor, STEPS, self._sync, "new", echo=False))
 
     def _lose_sync(self) -> None:
         self._searching = True
@@ -238,159 +176,47 @@ def _encode_steps(events: Events, since_us: int, sync: int) -> bytes:
     """Encode events; the step of the first event counts from `since_us`."""
     if events.size == 0:
         return b""
-    steps = np.diff(events["t"], prepend=since_us)
+    steps = np.diff(events.t, prepend=since_us)
     # a longer silence than 28 bits can hold is shortened
     steps = np.clip(steps, 0, (1 << 28) - 1)
     groups = (steps[:, None] >> np.array([21, 14, 7, 0])) & 127
     needed = np.maximum.accumulate(groups > 0, axis=1)
     needed[:, 3] = True
     groups[:, 3] |= 128
-    y = sync << 7 | events["y"].astype(np.int64)
-    x = events["p"].astype(np.int64) << 7 | events["x"]
+    y = sync << 7 | events.y.astype(np.int64)
+    x = events.p.astype(np.int64) << 7 | events.x
     rows = np.concatenate([np.stack([y, x], axis=1), groups], axis=1)
     sent = np.concatenate([np.ones((steps.size, 2), dtype=np.bool_), needed], axis=1)
     return rows[sent].astype(np.uint8).tobytes()
 
 
-# The stream of a device, in any of the formats.
-#
-# Byte 0 holds a sync bit and the row, byte 1 polarity and column. The time follows: none (E0), the
-# step since the previous event in 7-bit groups (E1), or 16, 24, 32 bits (E2, E3, E4). Firmware
-# older than the format with steps calls 16, 24 and 32 bits E1, E2 and E3. Some drivers and
-# firmware invert the sync bit. The format of a device is therefore found from its bytes, unless
-# given.
+# The stream of a device.
 
 
-#: Number of bytes from which the format is found.
-DETECT_BYTES = 1_024
-#: The format is searched for again if most of this number of bytes do not fit it.
-DOUBT_BYTES = 16_384
+class _Commands(Decoder):
+    """Commands that make a device send the format which its decoder expects."""
 
-
-class EdvsDecoder(Decoder):
-    """Finds the format from the first bytes, sends the set-up commands, and decodes.
-
-    Parameters
-    ----------
-    bits : sequence of int
-        Candidates for the number of bits of the time, longest first.
-    syncs : sequence of {0, 1}
-        Candidates for the sync bit.
-    command : str
-        Format to request from the device.
-    """
-
-    def __init__(
-        self, sensor: Sensor, bits: tuple[int, ...], syncs: tuple[int, ...], command: str
-    ) -> None:
-        if max(sensor) > 128:
-            raise UsageError(f"edvs has 128x128 pixels, and not {sensor}: pass sensor='128x128'")
-        super().__init__(sensor, Clock())
-        self._bits, self._syncs, self._command = bits, syncs, command
-        self._given = len(bits) == 1 and len(syncs) == 1
-        self._inner: Decoder | None = None
-        self._since = self._so_far()
-        if self._given:
-            self._settle(bits[0], syncs[0])
-        else:
-            self.resync_bytes = 2 * (DOUBT_BYTES + DETECT_BYTES)
+    command = ""  #: Of the format.
 
     def setup(self) -> bytes:
         """Return commands: stop events, echo off, set the format, clock to zero, start events."""
-        return f"E-\n!U0\n!{self._command}\n!ET0\nE+\n".encode("ascii")
+        return f"E-\n!U0\n!{self.command}\n!ET0\nE+\n".encode("ascii")
 
     def greeting(self) -> bytes:
         """Return the commands that leave a running device as it is, and start another one."""
-        return f"!U0\n!{self._command}\nE+\n".encode("ascii")
+        return f"!U0\n!{self.command}\nE+\n".encode("ascii")
 
     def teardown(self) -> bytes:
         """Return the command that stops events."""
         return b"E-\n"
 
-    def feed(self, data: bytes, host_us: int = 0) -> Events:
-        """Decode the next bytes; see `Decoder.feed`."""
-        if self._given:
-            return super().feed(data, host_us)
-        events = []
-        while data:
-            # the format is found and checked after the same bytes, whatever the sizes of the pieces
-            left = DETECT_BYTES - len(self._pending)
-            if self._inner is not None:
-                left = DOUBT_BYTES - (self.health.bytes - self._since[0])
-            events.append(super().feed(data[:left], host_us))
-            data = data[left:]
-            self._doubt()
-        return join_events(events)
 
-    def gap(self, dropped_bytes: int = 0) -> Events:
-        """Handle missing bytes; see `Decoder.gap`."""
-        if self._inner is None:
-            self.health.skipped_bytes += len(self._pending)
-            self._pending = b""
-        return super().gap(dropped_bytes)
+class EdvsStepDecoder(_Commands, StepDecoder):
+    """Decodes E1."""
 
-    def warm_up(self) -> None:
-        """Compile the kernels for decoding; see `Decoder.warm_up`."""
-        if self._given:
-            super().warm_up()
-            return
-        for bits in {32, STEPS} & set(self._bits) or self._bits:
-            given = EdvsDecoder(self.sensor, (bits,), self._syncs[:1], self._command)
-            given.warm_up()
-            for sample in given._samples():
-                detect(sample, self._bits, self._syncs)
 
-    def _samples(self) -> Iterable[bytes]:
-        yield damaged_sample(
-            EdvsEncoder(self.sensor, self._bits[0], self._syncs[0], "new", echo=False)
-        )
-
-    def _lose_sync(self) -> None:
-        if self._inner is not None:
-            self._inner._lose_sync()
-
-    def _decode(self, data: bytes, *, final: bool) -> tuple[list[Columns], bytes]:
-        while self._inner is None and len(data) >= (1 if final else DETECT_BYTES):
-            found = detect(data[:DETECT_BYTES], self._bits, self._syncs)
-            if found is not None:
-                self._settle(*found, len(data))
-            else:
-                # only noise so far: half of it is dropped to make room for later bytes
-                self.health.skipped_bytes += len(data[: DETECT_BYTES // 2])
-                data = data[DETECT_BYTES // 2 :]
-        if self._inner is None:
-            return [], data
-        self._inner._host_us = self._host_us
-        return self._inner._decode(data, final=final)
-
-    def _settle(self, bits: int, sync: int, waiting: int = 0) -> None:
-        """Decode in a format from now on, `waiting` bytes of which are here."""
-        inner: Decoder
-        if bits == STEPS:
-            inner = StepDecoder(self.sensor, sync)
-        else:
-            inner = LayoutDecoder("edvs", _layout_of(bits, sync), self.sensor)
-        inner.adopt(self.health)
-        inner.timestamps.take_over_from(self.timestamps)
-        self._inner, self.timestamps = inner, inner.timestamps
-        received, *others = self._so_far()
-        self._since = (received - waiting, *others)
-        self.resync_bytes = inner.resync_bytes
-
-    def _so_far(self) -> tuple[int, ...]:
-        health = self.health
-        return health.bytes, health.skipped_bytes, health.decoded, health.rejected
-
-    def _doubt(self) -> None:
-        """Search for the format again if most bytes or times do not fit it."""
-        now = self._so_far()
-        received, skipped, decoded, rejected = np.subtract(now, self._since).tolist()
-        if received < DOUBT_BYTES or self._inner is None:
-            return
-        self._since = now
-        if 4 * skipped > 3 * received or 4 * rejected > 3 * decoded:
-            self.health.resyncs += 1
-            self._inner = None
+class EdvsDecoder(_Commands, LayoutDecoder):
+    """Decodes the other formats."""
 
 
 class EdvsEncoder(Encoder):
@@ -417,7 +243,7 @@ class EdvsEncoder(Encoder):
         if self._bits != STEPS:
             return self._words.encode(events)
         data = _encode_steps(events, self._last, self._sync)
-        self._last = int(events["t"][-1]) if events.size else self._last
+        self._last = int(events.t[-1]) if events.size else self._last
         return data
 
     def respond(self, command: bytes) -> bytes:
@@ -439,37 +265,32 @@ class EdvsEncoder(Encoder):
         return "".join(f"{text}\n" for text in answer).encode("ascii")
 
 
+def _stated(options: OptionReader) -> tuple[str, str, int]:
+    """Return format, dialect and sync bit."""
+    wanted = options.choice("format", ("E3", "E0", "E1", "E2", "E4"))
+    dialect = options.choice("dialect", ("new", "old"))
+    if wanted not in BITS[dialect]:
+        raise UsageError("edvs: the old dialect has no E4: its E3 has 32 bits")
+    return wanted, dialect, int(options.choice("sync", ("1", "0")))
+
+
 def open_decoder(name: str, sensor: Sensor, options: OptionReader) -> Decoder:
-    """Make a decoder; format, dialect and sync bit are found from the bytes unless given."""
-    wanted = options.choice("format", ("auto", "E0", "E1", "E2", "E3", "E4"))
-    dialect = options.choice("dialect", ("auto", "new", "old"))
-    sync = options.choice("sync", ("auto", "1", "0"))
-    dialects = ("new", "old") if dialect == "auto" else (dialect,)
-    if wanted == "auto":
-        # any bytes look like events without time, so that this format is not searched for
-        bits = {32, 24, 16, STEPS}
-    else:
-        bits = {BITS[each][wanted] for each in dialects if wanted in BITS[each]}
-    if not bits:
-        raise UsageError(_NO_E4)
-    return EdvsDecoder(
-        sensor,
-        tuple(sorted(bits, reverse=True)),
-        (1, 0) if sync == "auto" else (int(sync),),
-        "E3" if wanted == "auto" else wanted,
+    """Make a decoder."""
+    wanted, dialect, sync = _stated(options)
+    if max(sensor) > 128:
+        raise UsageError(f"edvs has 128x128 pixels, and not {sensor}: pass sensor='128x128'")
+    bits = BITS[dialect][wanted]
+    decoder = (
+        EdvsStepDecoder(sensor, sync)
+        if bits == STEPS
+        else EdvsDecoder("edvs", _layout_of(bits, sync), sensor)
     )
+    decoder.command = wanted
+    return decoder
 
 
 def open_encoder(name: str, sensor: Sensor, options: OptionReader) -> Encoder:
     """Make an encoder."""
-    wanted = options.choice("format", ("E3", "E0", "E1", "E2", "E4"))
-    dialect = options.choice("dialect", ("new", "old"))
-    if wanted not in BITS[dialect]:
-        raise UsageError(_NO_E4)
-    return EdvsEncoder(
-        sensor,
-        BITS[dialect][wanted],
-        int(options.choice("sync", ("1", "0"))),
-        dialect,
-        echo=options.choice("echo", ("on", "off")) == "on",
-    )
+    wanted, dialect, sync = _stated(options)
+    echo = options.choice("echo", ("on", "off")) == "on"
+    return EdvsEncoder(sensor, BITS[dialect][wanted], sync, dialect, echo=echo)

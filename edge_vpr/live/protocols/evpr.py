@@ -17,7 +17,6 @@ from edge_vpr.live.protocols import Clock, Decoder, Encoder, OptionReader
 from edge_vpr.live.protocols.health import EXACT
 from edge_vpr.live.protocols.timestamps import (
     admit_columns,
-    empty_events,
     reach,
     restart_clock,
     start_clock,
@@ -202,15 +201,18 @@ def _decode_frames(kernel_state, clock, data):  # type: ignore[no-untyped-def]
 
     Returns
     -------
-    events : ndarray of EVENT_DTYPE, shape (n,)
+    t, x, y, p : ndarray, shape (n,)
+        Events.
     decoded : int
         Number of events in undamaged frames. All other counts are in `FrameBuffers.counts`.
     """
     buffers, raw = FrameBuffers(*kernel_state.value), np.frombuffer(data, dtype=np.uint8)
     buffers.counts.view(np.int64)[:] = 0
-    n, start, delivered, found = 0, 0, 0, buffers.counts[0]
+    n, start, end, found = 0, 0, 0, buffers.counts[0]
     t, x, y, p = buffers.columns
-    out = empty_events(clock, raw.size // 3)
+    most = raw.size // 3 + 1  # with one that is held
+    t_out, x_out = np.empty(most, np.int64), np.empty(most, np.uint16)
+    y_out, p_out = np.empty(most, np.uint16), np.empty(most, np.bool_)
     for i in range(raw.size):
         if raw[i] != 0:
             continue
@@ -223,13 +225,15 @@ def _decode_frames(kernel_state, clock, data):  # type: ignore[no-untyped-def]
                 start_clock(clock, found["base"])
                 if found["resets"] > resets:
                     restart_clock(clock, found["base"])
-                columns = t[:events], x[:events], y[:events], p[:events]
-                delivered += admit_columns(clock, *columns, out[delivered:])
+                end += admit_columns(
+                    clock, t[:events], x[:events], y[:events], p[:events],
+                    t_out[end:], x_out[end:], y_out[end:], p_out[end:],
+                )  # fmt: skip
                 if found["idle"]:
                     reach(clock, found["base"])
             n += events
         start = i + 1
-    return out[:delivered], n
+    return t_out[:end], x_out[:end], y_out[:end], p_out[:end], n
 
 
 @kernel
@@ -393,7 +397,7 @@ class EvprEncoder(Encoder):
         self, events: Events
     ) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.bool_], npt.NDArray[np.int64]]:
         """Return words, which of them are events, and the time before each."""
-        t = events["t"]
+        t = events.t
         steps = np.diff(t, prepend=t[0])
         pause = (1 << (8 * self._width - self._t_at)) - 1
         longest = (1 << self._t_at) - 1
@@ -405,9 +409,9 @@ class EvprEncoder(Encoder):
         paused = np.where(pauses > 0, steps, 0)
         words[counted] = (
             (steps - paused) << self._t_at
-            | events["p"].astype(np.int64) << (self._t_at - 1)
-            | events["y"].astype(np.int64) << self._x_bits
-            | events["x"]
+            | events.p.astype(np.int64) << (self._t_at - 1)
+            | events.y.astype(np.int64) << self._x_bits
+            | events.x
         )
         took = np.zeros(words.size, dtype=np.int64)
         took[counted] = steps - paused
@@ -479,9 +483,10 @@ class EvprDecoder(Decoder):
     def _take_frames(self, frames: bytes) -> Events:
         """Decode whole frames, and count what they show in the health."""
         health = self.health
-        events, decoded = _decode_frames(
+        *columns, decoded = _decode_frames(
             self._buffers.kernel_state, self.timestamps.shared.kernel_state, frames
         )
+        events = Events(*columns)
         self.timestamps.report(decoded, len(events))
         counts = cast("tuple[int, ...]", self._buffers.value.counts.item())
         whole, damaged, skipped, repeats, gaps, lost, dropped, resets, narrow, _, _ = counts

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from abc import abstractmethod
 from collections.abc import Iterable
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -28,6 +29,8 @@ Sent = npt.NDArray[np.bool_]
 
 #: Number of bytes that are copied at once; a multiple of each word size.
 _COPIED_BYTES = 4_096
+#: Number of words that are checked at once.
+_CHECKED = 4_096
 #: Cameras send the high bits of the time every 16 us, whether changed or not.
 _SLOT_BITS = 4
 #: Time between the words of a silence, and the time before its end from which on they are sent.
@@ -62,7 +65,7 @@ class EvtDecoder(WordDecoder):
         return [Reading(*row) for row in found.tolist()]
 
     def _take_words(self, raw: Raw) -> tuple[int, Columns, bool]:
-        if raw.ctypes.data % self._size:
+        if not raw.view(self._words.dtype).flags.aligned:
             # The kernels would be compiled again for words that are not aligned, or that are
             # writeable. Only a part is copied, so that a fault does not cause all the rest to be
             # copied again.
@@ -80,7 +83,7 @@ class EvtDecoder(WordDecoder):
         self._words.lose()
 
 
-@kernel
+@kernel(inner=True)
 def _bad(word, evt3, width, height):  # type: ignore[no-untyped-def]
     """Return whether a word, or the upper half of a longer one, is not valid."""
     if evt3:
@@ -97,9 +100,26 @@ def _bad(word, evt3, width, height):  # type: ignore[no-untyped-def]
 @kernel
 def _whole(words, evt3, shift, width, height):  # type: ignore[no-untyped-def]
     """Return the number of words before the first invalid one."""
-    for i in range(words.size):
-        if _bad(np.int64(words[i] >> shift), evt3, width, height):
-            return i
+    for start in range(0, words.size, _CHECKED):
+        block, bad = words[start : start + _CHECKED], np.uint16(0)
+        # without a branch, in 16 bits where these suffice, so that the loops vectorise
+        for i in range(block.size if evt3 else 0):
+            word = np.uint16(block[i])
+            kind, value = np.uint16(word >> np.uint16(12)), np.uint16(word & np.uint16(2047))
+            off = ((kind == 0) & (value >= height)) | ((kind == 2) | (kind == 3)) & (value >= width)
+            strange = (kind == 1) | (kind == 9) | (kind == 11) | (kind == 12) | (kind == 13)
+            bad = np.uint16(bad | np.uint16(off | strange))
+        for i in range(0 if evt3 else block.size):
+            upper = np.uint32(block[i] >> shift)
+            sort, row = np.uint32(upper >> np.uint32(28)), np.uint32(upper & np.uint32(2047))
+            column = np.uint32(upper >> np.uint32(11) & np.uint32(2047))
+            strange = (sort > 1) & (sort != 8) & (sort != 10) & (sort < 14)
+            off = (sort < 2) & ((column >= width) | (row >= height))
+            bad = np.uint16(bad | np.uint16(off | strange))
+        if bad:
+            for i in range(block.size):
+                if _bad(np.int64(block[i] >> shift), evt3, width, height):
+                    return start + i
     return words.size
 
 
@@ -130,7 +150,7 @@ class EvtEncoder(Encoder):
         """Encode events."""
         if events.size == 0:
             return b""
-        slot = events["t"] >> _SLOT_BITS
+        slot = events.t >> _SLOT_BITS
         new = np.diff(slot, prepend=self._slot) != 0
         self._slot = int(slot[-1])
         words, sent = self._words(events, new)
@@ -148,7 +168,7 @@ class Evt2Encoder(EvtEncoder):
     """Encodes EVT 2.0: high time bits as often as cameras send them, and a word an event."""
 
     def _words(self, events: Events, new: Sent) -> tuple[list[Words], list[Sent]]:
-        words = [evt2_time_words(events["t"]), evt2_event_words(events)]
+        words = [evt2_time_words(events.t), evt2_event_words(events)]
         return words, [new, np.ones_like(new)]
 
 
@@ -158,10 +178,10 @@ class Evt21Encoder(EvtEncoder):
     def _words(self, events: Events, new: Sent) -> tuple[list[Words], list[Sent]]:
         # the upper half is a word of EVT 2.0 whose column is a multiple of 32; the lower half has a
         # bit for each of the 32 columns from there on
-        x = events["x"].astype(np.uint64)
+        x = events.x.astype(np.uint64)
         top = evt2_event_words(events).astype("<u8") & ~np.uint64(31 << 11)
         word = top << np.uint64(32) | np.uint64(1) << (x & np.uint64(31))
-        time = evt2_time_words(events["t"]).astype("<u8") << np.uint64(32)
+        time = evt2_time_words(events.t).astype("<u8") << np.uint64(32)
         return [time, word], [new, np.ones_like(new)]
 
 
@@ -174,10 +194,11 @@ class Evt3Encoder(EvtEncoder):
 
     def encode(self, events: Events) -> bytes:
         """Encode events; silences have words of time, or a wrap within one would be a restart."""
-        t = events["t"]
+        t = events.t
         before = np.append(t[:1] if self._slot < 0 else self._slot << _SLOT_BITS, t[:-1])
         starts = np.flatnonzero(t - before > _SILENT_US)
-        first, *parts = np.split(events, starts)
+        cuts = pairwise([0, *starts.tolist(), len(events)])
+        first, *parts = (events[a:b] for a, b in cuts)
         sent = [super().encode(first)]
         for i, part in zip(starts, parts, strict=True):
             begin = max(before[i], t[i] - _LONGEST_SILENCE_US) + _SILENT_US
@@ -186,12 +207,12 @@ class Evt3Encoder(EvtEncoder):
         return b"".join(sent)
 
     def _words(self, events: Events, new: Sent) -> tuple[list[Words], list[Sent]]:
-        t, y = events["t"], events["y"].astype(np.int64)
+        t, y = events.t, events.y.astype(np.int64)
         low = t & 4095
         new_low = new | (np.diff(low, prepend=self._low) != 0)
         new_y = np.diff(y, prepend=self._y) != 0
         self._low, self._y = int(low[-1]), int(y[-1])
-        column = 2 << 12 | events["p"].astype(np.int64) << 11 | events["x"]
+        column = 2 << 12 | events.p.astype(np.int64) << 11 | events.x
         words = [8 << 12 | t >> 12 & 4095, 6 << 12 | low, y, column]
         return [each.astype("<u2") for each in words], [new, new_low, new_y, np.ones_like(new)]
 

@@ -8,13 +8,13 @@ agree. Until then these are held, and dropped if they do not agree.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
 from edge_vpr.compiling import SharedState, kernel
-from edge_vpr.events import EVENT_DTYPE, Events, Sensor
+from edge_vpr.events import Events, Sensor, empty_events
 from edge_vpr.live.protocols.health import Health
 from edge_vpr.recordings.reading import Columns
 
@@ -67,7 +67,7 @@ class _FilterState(NamedTuple):
     """State of the kernel, held events, and limits, with times in ticks."""
 
     state: npt.NDArray[np.void]
-    held: Events
+    held: tuple[npt.NDArray[Any], ...]
     width: int
     height: int
     period: int
@@ -89,7 +89,7 @@ class Clock:
 
 
 class TimestampFilter:
-    """Converts decoded columns to event arrays from time 0 on, and counts rejected events.
+    """Converts decoded columns to events from time 0 on, and counts rejected ones.
 
     Parameters
     ----------
@@ -122,11 +122,11 @@ class TimestampFilter:
         # host's times of the newest bytes, and of those that last advanced this clock, to `_then`
         self._host_us: int | None = None
         self._advanced_us = self._then = 0
-        self._held = np.empty(max(1, clock.confirm), dtype=EVENT_DTYPE)
+        self._most_held = max(1, clock.confirm)
         self.shared = SharedState(
             _FilterState(
-                self._state, self._held, sensor.width, sensor.height, period, late,
-                sure, step_limit, max(1, silence // tick), tick, clock.confirm,
+                self._state, empty_events(self._most_held).columns, sensor.width, sensor.height,
+                period, late, sure, step_limit, max(1, silence // tick), tick, clock.confirm,
             )
         )  # fmt: skip
 
@@ -146,7 +146,7 @@ class TimestampFilter:
             self._advanced_us = host_us if self._host_us is None else self._host_us
         self._host_us, self._then = host_us, int(state["now"])
         state["passed"] = max(1, (host_us - self._advanced_us) // self._tick)
-        if self._held.size == 1:
+        if self._most_held == 1:
             return
         allowed_us = AHEAD_US
         if state["heard_us"] >= 0:
@@ -159,14 +159,23 @@ class TimestampFilter:
 
         Returns
         -------
-        ndarray of EVENT_DTYPE, shape (n,)
+        Events
             Those that are good, and those held before that have been confirmed.
         """
-        t, x, y, p = columns
-        out = np.empty(t.size + self._held.size, dtype=EVENT_DTYPE)
-        n = admit_columns(self.shared.kernel_state, t, x, y, p, out)
-        self.report(t.size, n)
+        decoded = columns.t.size
+        if not Events(*columns).packed:  # of a decoder of another package
+            columns = self._narrowed(columns)
+        out = empty_events(columns.t.size + self._most_held)
+        n = admit_columns(self.shared.kernel_state, *columns, *out.columns)
+        self.report(decoded, n)
         return out[:n]
+
+    def _narrowed(self, columns: Columns) -> Columns:
+        """Return columns of the types of `Events`; pixels beyond these are off the sensor."""
+        inside = (columns.x >= 0) & (columns.x <= 0xFFFF) & (columns.y >= 0) & (columns.y <= 0xFFFF)
+        self._state["off_sensor"] += np.count_nonzero(~inside)
+        t, x, y, p = (column[inside] for column in columns)
+        return Columns(t.astype(np.int64), x.astype(np.uint16), y.astype(np.uint16), p != 0)
 
     def to_values(self) -> dict[str, int]:
         """Return the values that `resume` needs, of JSON."""
@@ -181,16 +190,6 @@ class TimestampFilter:
         self._state["dated"] = values["dated"]
         self._state["last"], self._state["now"] = values["last"] + passed, values["now"] + passed
         self._state["passed"] = 1  # more is not known of it
-
-    def take_over_from(self, other: TimestampFilter) -> None:
-        """Continue after `other`, which had another clock, in order of time."""
-        other.finish()
-        self._state[:] = other._state
-        state = self._state[0]
-        state["clock_resets"] += state["dated"]
-        state["now"] += state["dated"] * state["passed"]
-        state["dated"] = 0
-        self.report(0, 0)
 
     def finish(self) -> None:
         """End the stream; events that are still held were not confirmed and are dropped."""
@@ -211,14 +210,14 @@ class TimestampFilter:
             health.wraps = wraps
 
 
-@kernel
+@kernel(inner=True)
 def _step(earlier, later, period, late):  # type: ignore[no-untyped-def]
     """Return the time between two events; on a clock that wraps, forward or slightly late."""
     step = later - earlier
     return ((step + late) & (period - 1)) - late if period else step
 
 
-@kernel
+@kernel(inner=True)
 def _drop(state, last, first, held, period, late):  # type: ignore[no-untyped-def]
     """Count dropped events that were held: as late if the first is slightly late, else as leaps."""
     if -late <= _step(last, first, period, late) < 0:
@@ -227,7 +226,7 @@ def _drop(state, last, first, held, period, late):  # type: ignore[no-untyped-de
         state["leaps"] += held
 
 
-@kernel
+@kernel(inner=True)
 def _wrapped(earlier, later, period):  # type: ignore[no-untyped-def]
     return period > 0 and (later & (period - 1)) < (earlier & (period - 1))
 
@@ -262,21 +261,63 @@ def reach(kernel_state, time):  # type: ignore[no-untyped-def]
         s["last"] = time
 
 
-@kernel
-def empty_events(kernel_state, n):  # type: ignore[no-untyped-def]
-    """Return an array for `n` events and those that are held."""
-    return np.empty(n + _FilterState(*kernel_state.value).held.size, EVENT_DTYPE)
+#: Events that are filtered at once, so that they stay in a core's first-level cache.
+_BLOCK = 1_024
 
 
 @kernel
-def admit_columns(kernel_state, t, x, y, p, out):  # type: ignore[no-untyped-def]
-    """Do the work of `TimestampFilter.admit`; return how many events are in `out`."""
+def admit_columns(kernel_state, t, x, y, p, t_out, x_out, y_out, p_out):  # type: ignore[no-untyped-def]
+    """Do the work of `TimestampFilter.admit`; return how many events are in the last columns."""
+    n = 0
+    for start in range(0, t.size, _BLOCK):
+        end = start + _BLOCK
+        n += _admit(
+            kernel_state, t[start:end], x[start:end], y[start:end], p[start:end],
+            t_out[n:], x_out[n:], y_out[n:], p_out[n:],
+        )  # fmt: skip
+    return n
+
+
+@kernel(inner=True)
+def _is_usual(t, x, y, width, height, most):  # type: ignore[no-untyped-def]
+    """Return whether all events are on the sensor, and steps of time small and forward."""
+    x_max, y_max, bad = np.uint16(0), np.uint16(0), False
+    for i in range(t.size):  # these loops vectorise
+        x_max, y_max = np.uint16(max(x_max, x[i])), np.uint16(max(y_max, y[i]))
+    earlier, later = t[:-1], t[1:]
+    for i in range(earlier.size):
+        step = later[i] - earlier[i]
+        bad |= (step < 0) | (step > most)
+    return not bad and x_max < width and y_max < height
+
+
+@kernel(inner=True)
+def _admit(kernel_state, t, x, y, p, t_out, x_out, y_out, p_out):  # type: ignore[no-untyped-def]
+    """Filter a block: all events at once if they are as usual, else one by one."""
     state, held, width, height, period, late, sure, step_limit, silence, tick, confirm = (
         kernel_state.value
     )
+    held_t, held_x, held_y, held_p = held
     s = state[0]
     dated, last, now, n_held = s["dated"], s["last"], s["now"], s["held"]
     allowed = s["allowed"]
+    # a longer step on a clock that wraps would be a late event
+    most = min(sure, period - 1 - late) if period else sure
+    step = _step(last, np.int64(t[0]), period, late)
+    if dated and not n_held and 0 <= step <= most and _is_usual(t, x, y, width, height, most):
+        s["wraps"] += _wrapped(last, np.int64(t[0]), period)
+        shift = now + step - t[0]
+        for i in range(t.size):
+            t_out[i] = t[i] + shift
+            x_out[i] = x[i]
+            y_out[i] = y[i]
+            p_out[i] = p[i]
+        if tick != 1:
+            for i in range(t.size):
+                t_out[i] *= tick
+        s["last"], s["now"] = t[-1], t[-1] + shift
+        s["allowed"] = max(-silence, allowed - (s["now"] - now))
+        return t.size
     n = 0
     for i in range(t.size):
         if x[i] >= width or y[i] >= height:
@@ -288,7 +329,7 @@ def admit_columns(kernel_state, t, x, y, p, out):  # type: ignore[no-untyped-def
         step = _step(last, time, period, late)
         if 0 <= step <= step_limit and (step <= sure or step <= allowed):
             if n_held:  # a good event after held ones: their times were wrong
-                _drop(s, last, held[0]["t"], n_held, period, late)
+                _drop(s, last, held_t[0], n_held, period, late)
                 n_held = 0
             s["wraps"] += _wrapped(last, time, period)
             now += step
@@ -296,15 +337,15 @@ def admit_columns(kernel_state, t, x, y, p, out):  # type: ignore[no-untyped-def
             last = time
         else:
             if n_held:
-                follows = _step(held[n_held - 1]["t"], time, period, late)
+                follows = _step(held_t[n_held - 1], time, period, late)
                 if not 0 <= follows <= step_limit:
-                    _drop(s, last, held[0]["t"], n_held, period, late)
+                    _drop(s, last, held_t[0], n_held, period, late)
                     n_held = 0
-            held[n_held]["t"], held[n_held]["x"], held[n_held]["y"] = time, x[i], y[i]
-            held[n_held]["p"] = p[i] != 0
+            held_t[n_held], held_x[n_held], held_y[n_held] = time, x[i], y[i]
+            held_p[n_held] = p[i]
             n_held += 1
             if n_held == confirm:
-                first = held[0]["t"]
+                first = held_t[0]
                 step = _step(last, first, period, late)
                 if 0 <= step <= silence and step <= allowed:
                     s["wraps"] += _wrapped(last, first, period)
@@ -317,17 +358,17 @@ def admit_columns(kernel_state, t, x, y, p, out):  # type: ignore[no-untyped-def
                     allowed -= step
                 last = first
                 for k in range(n_held):
-                    step = _step(last, held[k]["t"], period, late)
+                    step = _step(last, held_t[k], period, late)
                     if step <= sure or step <= allowed:
                         now += step
                         allowed -= step
-                    last = held[k]["t"]
-                    out[n]["t"], out[n]["x"], out[n]["y"] = now * tick, held[k]["x"], held[k]["y"]
-                    out[n]["p"] = held[k]["p"]
+                    last = held_t[k]
+                    t_out[n], x_out[n], y_out[n] = now * tick, held_x[k], held_y[k]
+                    p_out[n] = held_p[k]
                     n += 1
                 n_held = 0
             continue
-        out[n]["t"], out[n]["x"], out[n]["y"], out[n]["p"] = now * tick, x[i], y[i], p[i] != 0
+        t_out[n], x_out[n], y_out[n], p_out[n] = now * tick, x[i], y[i], p[i]
         n += 1
     s["dated"], s["last"], s["now"], s["held"] = dated, last, now, n_held
     s["allowed"] = max(-silence, allowed)

@@ -31,7 +31,6 @@ class Reading(NamedTuple):
     first: float  #: Index of the first valid word; the number of words if there is none.
     #: How fast time runs, which is faster if the reading is shifted; 0 if words do not show it.
     pace: float = 0.0
-    moves: float = 1.0  #: Share of words that differ from the previous one.
     #: 1 if every word has the marks that words must have, whatever its time; else 0.
     marked: float = 0.0
 

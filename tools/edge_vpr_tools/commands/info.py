@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import argparse
-import warnings
 from contextlib import suppress
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from edge_vpr.errors import EdgeVprError, EdgeVprWarning, RecordingError, UsageError
+from edge_vpr.errors import EdgeVprError, RecordingError, UsageError
 from edge_vpr_tools.console import print_facts, summary
 from edge_vpr_tools.flags import add_reading_arguments, add_track_offset_flag
 
@@ -75,11 +74,11 @@ def summarise(recording: Recording) -> RecordingSummary:
     stopped_by = None
     try:
         for events in recording:
-            first = int(events["t"][0]) if first is None else first
-            last = int(events["t"][-1])
+            first = int(events.t[0]) if first is None else first
+            last = int(events.t[-1])
             n += int(events.size)
-            on += int(events["p"].sum())
-            x, y = max(x, int(events["x"].max())), max(y, int(events["y"].max()))
+            on += int(events.p.sum())
+            x, y = max(x, int(events.x.max())), max(y, int(events.y.max()))
     except RecordingError as error:
         if not n:
             raise
@@ -191,12 +190,7 @@ def run(args: argparse.Namespace) -> None:
         recording = open_from(args, args.recording)
         facts = summarise(tracked(recording, "reading"))
     except SensorNotStated:
-        # the smallest one that holds all events, by which the unit of times is judged
-        args.sensor = f"{LONGEST_SIDE}x{LONGEST_SIDE}"
-        with warnings.catch_warnings():  # of so many pixels, any rate looks too low
-            warnings.simplefilter("ignore", EdgeVprWarning)
-            found = summarise(tracked(open_from(args, args.recording), "looking for the sensor"))
-        args.sensor = f"{found.largest_x + 1}x{found.largest_y + 1}"
+        args.sensor = f"{LONGEST_SIDE}x{LONGEST_SIDE}"  # which holds all events
         recording = open_from(args, args.recording)
         facts = replace(summarise(tracked(recording, "reading")), sensor=None)
     if args.track is not None:

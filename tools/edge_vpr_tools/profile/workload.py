@@ -12,7 +12,7 @@ import numpy.typing as npt
 
 from edge_vpr.descriptors.counting import cleaned
 from edge_vpr.errors import UsageError
-from edge_vpr.events import Events
+from edge_vpr.events import Events, join_events
 from edge_vpr.online.localiser import Localiser
 from edge_vpr.online.schedule import MatchSchedule
 from edge_vpr.reference_map import ReferenceMap
@@ -57,11 +57,11 @@ class Workload:
         events: Iterable[Events],
     ) -> None:
         pieces = list(events)
-        whole = np.concatenate(pieces) if pieces else None
-        if whole is None or whole.size == 0:
+        whole = join_events(pieces)
+        if whole.size == 0:
             raise UsageError("the recording holds no events: name another one")
         self._packets = [whole[i : i + PACKET].copy() for i in range(0, whole.size, PACKET)]
-        self._period = int(whole["t"][-1]) - int(whole["t"][0]) + _PAUSE_US
+        self._period = int(whole.t[-1]) - int(whole.t[0]) + _PAUSE_US
         every = MatchSchedule.window(reference.settings)
         self._localiser = Localiser(reference, every=every)
         self._next = 0
@@ -93,7 +93,7 @@ class Workload:
         found: npt.NDArray[np.void] = self._localiser.update(packet)
         took = time.perf_counter() - start
         # the same events again, one round later
-        packet["t"] += self._period
+        packet.t += self._period
         self._next = (self._next + 1) % len(self._packets)
         self.events += packet.size
         self.matches += found.size

@@ -370,7 +370,7 @@ def event_images(
     width, height = recording.sensor
     images = np.zeros((len(start_us), height * width), dtype=np.int64)
     for events in recording:
-        time, flat = events["t"], events["y"].astype(np.int64) * width + events["x"]
+        time, flat = events.t, events.y.astype(np.int64) * width + events.x
         first, last = np.searchsorted(time, start_us), np.searchsorted(time, end_us)
         for row in np.flatnonzero(last > first):
             images[row] += np.bincount(flat[first[row] : last[row]], minlength=height * width)

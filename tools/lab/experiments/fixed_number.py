@@ -41,8 +41,8 @@ def extent(drive: EventSource) -> Extent:
     events, first_us, last_us = 0, 0, 0
     for chunk in drive:
         if chunk.size:
-            first_us = first_us if events else int(chunk["t"][0])
-            last_us = int(chunk["t"][-1])
+            first_us = first_us if events else int(chunk.t[0])
+            last_us = int(chunk.t[-1])
             events += int(chunk.size)
     return Extent(events, last_us - first_us)
 
