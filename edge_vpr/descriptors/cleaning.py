@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from edge_vpr.compiling import SharedState, kernel
 from edge_vpr.errors import RecordingError, UsageError, as_path, expect, number_in
-from edge_vpr.events import NO_EVENTS, Events, Sensor, empty_events, join_events
+from edge_vpr.events import NO_EVENTS, Events, Sensor, as_events, empty_events, join_events
 from edge_vpr.files import open_input
 
 # Removal of bursts, moments at which most pixels fire at once, from a stream of events.
@@ -78,6 +78,7 @@ class BurstFilter:
         list of Events
             The events that `update` would return, one array after another; they may be views.
         """
+        events = as_events(events)
         if events.size == 0:
             return []
         held, newest = self._events, self._newest.copy()

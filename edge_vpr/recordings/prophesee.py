@@ -193,7 +193,7 @@ STATE = np.dtype(
 _LEAST_MARGIN = 10
 
 
-@kernel
+@kernel(inner=True)
 def _advance(s, high):  # type: ignore[no-untyped-def]
     """Advance the time base of EVT 2.0 or 2.1, 28 bits, to a new value of the high time bits.
 
@@ -206,7 +206,7 @@ def _advance(s, high):  # type: ignore[no-untyped-def]
     s["high"] = s["before"] = high
 
 
-@kernel
+@kernel(inner=True)
 def _advance_evt3(s, high):  # type: ignore[no-untyped-def]
     """Advance the time base of EVT 3.0, 12 bits, to a new value of the high time bits.
 

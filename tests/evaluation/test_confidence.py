@@ -38,7 +38,7 @@ from edge_vpr.errors import MapError, UsageError
 from edge_vpr.evaluation.calibration import isotonic, learn_confidence, reliability
 from edge_vpr.evaluation.ground_truth import GroundTruth
 from edge_vpr.evaluation.metrics import auroc, evaluate_rejection
-from edge_vpr.events import Sensor
+from edge_vpr.events import Sensor, join_events
 from edge_vpr.live.protocols import open_encoder
 from edge_vpr.map_record import coded_map
 from edge_vpr.matching.drive import match_descriptors
@@ -289,7 +289,7 @@ def robot(tmp_path_factory):
     ReferenceMap.build(Drive(drive, SENSOR), settings).save(folder / "map.npz")
     # the second half of the route is another one, whose matches are improbable
     other = random_events(rng, 6_000, SENSOR, 6_000_000)
-    query = np.concatenate([drive[drive["t"] < 3_000_000], other[other["t"] >= 3_000_000]])
+    query = join_events([drive[drive.t < 3_000_000], other[other.t >= 3_000_000]])
     write_recording(folder / "query.npz", [query], sensor=SENSOR)
     encoder = open_encoder("evpr", SENSOR)
     (folder / "sent.bin").write_bytes(encoder.start() + encoder.encode(query))

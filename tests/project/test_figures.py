@@ -6,6 +6,7 @@ figures that an experiment could change.
 
 from __future__ import annotations
 
+import csv
 import json
 import re
 from pathlib import Path
@@ -35,6 +36,23 @@ def test_what_a_match_costs_is_what_estimate_says(prose, capsys):
         f"{1e3 * of['per_match_j']['central']:.1f} mJ at 100,000 events per second"
     )
     assert said in re.sub(r"\[([^\]]*)\]\([^)]*\)", r"\1", prose)
+
+
+def test_other_light_is_that_of_the_table_of_rivals(prose):
+    with (ROOT / "docs/results/rivals.csv").open(encoding="utf-8", newline="") as file:
+        rows = [
+            row for row in csv.DictReader(file)
+            if row["drives"] == "Brisbane, 49 pixels, half a day on sunset2"
+            and row["tolerance"] == "70 m" and row["matching"] == "place filter, live"
+        ]  # fmt: skip
+    (ours,) = (row for row in rows if row["system"].startswith("edge-vpr"))
+    (theirs,) = (row for row in rows if row["system"].startswith("patch-normalised"))
+    times = int(theirs["bytes per place"]) / int(ours["bytes per place"])
+    assert (
+        f"by day, on a map of the sunset, {float(ours['P@100R']):.2f} of the live matches are "
+        f"correct, with patch normalisation of {times:.0f} times the bytes "
+        f"{float(theirs['P@100R']):.2f}."
+    ) in prose
 
 
 def test_the_readme_is_read_in_minutes(prose):

@@ -175,7 +175,7 @@ def test_a_protocol_of_another_package_is_decoded_and_imitated(drive):
     decoder.warm_up()
     assert decoder.health == open_decoder("mine", SENSOR).health
     sent = bytearray(encoder.encode(events))
-    assert sent.startswith(b"%d %d %d %d\n" % tuple(events[0].tolist()))
+    assert sent.startswith(b"%d %d %d %d\n" % events.tolist()[0])
     fault = sent.index(b"\n", 5_000) + 1
     sent[fault : fault + 1] = b"?"
     parts = [decoder.feed(bytes(sent[at : at + 997])) for at in range(0, len(sent), 997)]

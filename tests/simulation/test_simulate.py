@@ -118,7 +118,7 @@ def test_compiled_and_plain_python_make_the_same_events():
         capture_output=True, text=True, check=True,
     )  # fmt: skip
     events = joined(short(length_m=10))
-    assert plain.stdout.strip() == hashlib.sha256(events.tobytes()).hexdigest()
+    assert plain.stdout.strip() == hashlib.sha256(np.asarray(events).tobytes()).hexdigest()
 
 
 def test_progress_runs_from_nothing_to_all():

@@ -33,7 +33,7 @@ import edge_vpr
 from edge_vpr import errors
 from edge_vpr.archive import archive_kind
 from edge_vpr.errors import EdgeVprError, MissingExtraError, UsageError, did_you_mean
-from edge_vpr.events import Sensor, make_events
+from edge_vpr.events import Sensor, join_events, make_events
 from edge_vpr.live.protocols import open_encoder
 from edge_vpr.recordings import open_recording, write_recording
 from edge_vpr.settings import PRESETS, SETTING_FIELDS
@@ -263,7 +263,7 @@ def test_much_that_was_removed_as_bursts_is_a_warning(tmp_path, capsys, monkeypa
     flashes = [
         make_events(np.full(x.size, t), x, y, np.ones(x.size)) for t in range(0, 2_000_000, 100_000)
     ]
-    events = np.concatenate([scene, *flashes])
+    events = join_events([scene, *flashes])
     write_recording(
         tmp_path / "a.npz", [events[np.argsort(events["t"], kind="stable")]], sensor=SENSOR
     )

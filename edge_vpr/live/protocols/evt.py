@@ -83,7 +83,7 @@ class EvtDecoder(WordDecoder):
         self._words.lose()
 
 
-@kernel
+@kernel(inner=True)
 def _bad(word, evt3, width, height):  # type: ignore[no-untyped-def]
     """Return whether a word, or the upper half of a longer one, is not valid."""
     if evt3:

@@ -210,14 +210,14 @@ class TimestampFilter:
             health.wraps = wraps
 
 
-@kernel
+@kernel(inner=True)
 def _step(earlier, later, period, late):  # type: ignore[no-untyped-def]
     """Return the time between two events; on a clock that wraps, forward or slightly late."""
     step = later - earlier
     return ((step + late) & (period - 1)) - late if period else step
 
 
-@kernel
+@kernel(inner=True)
 def _drop(state, last, first, held, period, late):  # type: ignore[no-untyped-def]
     """Count dropped events that were held: as late if the first is slightly late, else as leaps."""
     if -late <= _step(last, first, period, late) < 0:
@@ -226,7 +226,7 @@ def _drop(state, last, first, held, period, late):  # type: ignore[no-untyped-de
         state["leaps"] += held
 
 
-@kernel
+@kernel(inner=True)
 def _wrapped(earlier, later, period):  # type: ignore[no-untyped-def]
     return period > 0 and (later & (period - 1)) < (earlier & (period - 1))
 
@@ -278,7 +278,7 @@ def admit_columns(kernel_state, t, x, y, p, t_out, x_out, y_out, p_out):  # type
     return n
 
 
-@kernel
+@kernel(inner=True)
 def _is_usual(t, x, y, width, height, most):  # type: ignore[no-untyped-def]
     """Return whether all events are on the sensor, and steps of time small and forward."""
     x_max, y_max, bad = np.uint16(0), np.uint16(0), False
@@ -291,7 +291,7 @@ def _is_usual(t, x, y, width, height, most):  # type: ignore[no-untyped-def]
     return not bad and x_max < width and y_max < height
 
 
-@kernel
+@kernel(inner=True)
 def _admit(kernel_state, t, x, y, p, t_out, x_out, y_out, p_out):  # type: ignore[no-untyped-def]
     """Filter a block: all events at once if they are as usual, else one by one."""
     state, held, width, height, period, late, sure, step_limit, silence, tick, confirm = (
