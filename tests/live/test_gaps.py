@@ -6,7 +6,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from streams import split_events
 
 from edge_vpr.descriptors.unseen import UnseenTime
 from edge_vpr.descriptors.windows import FixedCount, FixedTime
