@@ -156,7 +156,7 @@ def test_live_matches_are_the_offline_ones_to_the_bit(port, protocol, drive, tmp
     assert again.size == 40_000
     decoder = open_decoder(host, SENSOR)
     replayed = join_events([decoder.feed(raw.read_bytes()), decoder.finish()])
-    assert np.array_equal(replayed[["x", "y", "p"]], again[["x", "y", "p"]])
+    assert np.array_equal(np.asarray(replayed)[["x", "y", "p"]], np.asarray(again)[["x", "y", "p"]])
 
 
 @pytest.fixture(scope="module")

@@ -227,7 +227,7 @@ def _drop(state, last, first, held, period, late):  # type: ignore[no-untyped-de
 
 
 @kernel(inner=True)
-def _wrapped(earlier, later, period):  # type: ignore[no-untyped-def]
+def _has_wrapped(earlier, later, period):  # type: ignore[no-untyped-def]
     return period > 0 and (later & (period - 1)) < (earlier & (period - 1))
 
 
@@ -305,7 +305,7 @@ def _admit(kernel_state, t, x, y, p, t_out, x_out, y_out, p_out):  # type: ignor
     most = min(sure, period - 1 - late) if period else sure
     step = _step(last, np.int64(t[0]), period, late)
     if dated and not n_held and 0 <= step <= most and _is_usual(t, x, y, width, height, most):
-        s["wraps"] += _wrapped(last, np.int64(t[0]), period)
+        s["wraps"] += _has_wrapped(last, np.int64(t[0]), period)
         shift = now + step - t[0]
         for i in range(t.size):
             t_out[i] = t[i] + shift
@@ -331,7 +331,7 @@ def _admit(kernel_state, t, x, y, p, t_out, x_out, y_out, p_out):  # type: ignor
             if n_held:  # a good event after held ones: their times were wrong
                 _drop(s, last, held_t[0], n_held, period, late)
                 n_held = 0
-            s["wraps"] += _wrapped(last, time, period)
+            s["wraps"] += _has_wrapped(last, time, period)
             now += step
             allowed -= step
             last = time
@@ -348,7 +348,7 @@ def _admit(kernel_state, t, x, y, p, t_out, x_out, y_out, p_out):  # type: ignor
                 first = held_t[0]
                 step = _step(last, first, period, late)
                 if 0 <= step <= silence and step <= allowed:
-                    s["wraps"] += _wrapped(last, first, period)
+                    s["wraps"] += _has_wrapped(last, first, period)
                     now += step
                     allowed -= step
                 else:
