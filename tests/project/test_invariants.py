@@ -17,7 +17,7 @@ from edge_vpr.live.protocols import open_decoder, open_encoder
 from edge_vpr.recordings import open_recording
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.simulation import simulate_pair
-from tests.streams import balanced, random_events
+from tests.streams import balanced, random_events, split_events
 
 S = 1_000_000
 SENSOR = Sensor(64, 48)
@@ -62,7 +62,7 @@ def test_2_lost_bytes_and_events_are_counted_and_the_sums_balance(seed):
     rng = np.random.default_rng(seed)
     events = random_events(rng, 20_000, SENSOR, 2 * S)
     encoder = open_encoder("evpr", SENSOR)
-    frames = [encoder.encode(part) for part in np.array_split(events, 100)]
+    frames = [encoder.encode(part) for part in split_events(events, 100)]
     for number in rng.choice(np.arange(1, 99), 5, replace=False):
         frames[number] = frames[number][: rng.integers(len(frames[number]))]
     decoder = open_decoder("evpr", SENSOR)
