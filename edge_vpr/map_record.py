@@ -132,6 +132,11 @@ _OPTIONAL = ("full_scale", "mean", "limits", "jumps", "odometer_mm", "learnt_mea
 AnyMap = TypeVar("AnyMap", bound="MapRecord")
 
 
+def size_text(bytes_per_window: int, window_us: int) -> str:
+    """Return the size of a route as text, in the one unit that all messages have."""
+    return f"{bytes_per_window * 1e6 / window_us:,.0f} bytes per second of the route, packed"
+
+
 @dataclass(frozen=True, eq=False)
 class MapRecord(EqualByValue):
     """Data of a reference drive, which queries are matched against.
@@ -378,8 +383,8 @@ class MapRecord(EqualByValue):
 
     @property
     def bytes_text(self) -> str:
-        """Size of a place for messages, packed as in the FPGA core."""
-        return f"{self.packed_bytes_per_place} bytes per place packed"
+        """Size of a second of the route for messages, packed as in the FPGA core."""
+        return size_text(self.packed_bytes_per_window, self.windows.window_us)
 
     @property
     def packed_bytes_per_place(self) -> int:

@@ -42,7 +42,14 @@ from edge_vpr.evaluation.track_files import AnyTrack, load_track
 from edge_vpr.evaluation.tracks import UNIX_US, Track, with_positions
 from edge_vpr.events import TIME_LIMIT_US, SensorSize
 from edge_vpr.learning import MapUpdate, learn_drive
-from edge_vpr.map_record import KIND, MapRecord, check_matchable, describe_query, map_traverse
+from edge_vpr.map_record import (
+    KIND,
+    MapRecord,
+    check_matchable,
+    describe_query,
+    map_traverse,
+    size_text,
+)
 from edge_vpr.matching.drive import match_query
 from edge_vpr.matching.matches import Matches, write_csv
 from edge_vpr.online.localiser import Localiser, OdometryFeed
@@ -413,6 +420,7 @@ class ReferenceMap(MapRecord):
             packed_bytes_per_place=self.packed_bytes_per_place,
             duration_us=int(windows.end_us[-1]),
             window_us=windows.window_us,
+            window_parts=self.settings.window_parts,
             places_with_position=0 if route is None else int(np.isfinite(route.along_m).sum()),
             route_m=None if route is None else length_m(route.along_m, self.settings.window_parts),
             settings=self.settings.to_dict(),
@@ -467,6 +475,7 @@ class MapInfo:
     packed_bytes_per_place: int
     duration_us: int
     window_us: int  #: Length of a window; the median, if windows are of a number of events.
+    window_parts: int  #: Places that begin in a window.
     places_with_position: int
     #: Length of the route, to the end of its last window, if the map has positions.
     route_m: float | None
@@ -482,7 +491,7 @@ class MapInfo:
             "sensor": self.sensor,
             "places": f"{self.places:,}",
             "pixels": f"{self.pixels:,}, {self.counter_bits} bits each",
-            "size": f"{self.packed_bytes_per_place:,} bytes per place packed",
+            "size": size_text(self.packed_bytes_per_place * self.window_parts, self.window_us),
             "duration": f"{self.duration_us / 1e6:.6f} s, windows of {self.window_us / 1e6:g} s",
             "positions": positions,
             "matching": str(self.settings["matching"]),

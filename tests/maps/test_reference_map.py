@@ -411,7 +411,7 @@ def test_map_prints_the_packed_size_and_records_every_input(folder, tmp_path, ca
     # 5 codes of 3 bits, and the activity
     assert made.packed_bytes_per_place == 2 + 1 and made.bytes_per_place == 5
     assert made.packed_bytes_per_window == 6
-    size = "3 bytes per place packed"
+    size = "60 bytes per second of the route, packed"
     assert f"{len(made)} places (at half windows) at 5 pixels of 16x12, {size}" in said
     # half windows overlap: their events are not counted twice, and the last one is not counted
     counted = made.places.events[::2].sum()
