@@ -262,7 +262,7 @@ def _aligned_both_ways(
     """
     settings, index = matching.settings, ReferenceIndex(matching.places.counts)
     number = settings.window_parts
-    place_filter = PlaceFilter.of(matching.places, settings, matching.jumps, matching.along_mm)
+    place_filter = PlaceFilter.of(matching.places, settings, matching.along_mm)
     transitions = place_filter.transitions  # the best places, not the middle of those near them
     transitions.table = transitions.table._replace(reach=0)
     acceptance = matching.acceptance

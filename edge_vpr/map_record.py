@@ -78,29 +78,17 @@ from fixedpoint.own_mean import FULL_SCALE, OwnMeanCode
 # Checks of parts of a reference map that kernels use as indices.
 
 
-#: each is processed after every window
-MOST_JUMPS = 4_096
 #: frames in a window of a reference of frames that has places at half windows, at least: its halves
 #: then differ little in length
 LEAST_FRAMES = 20
 
 
-def check_transitions(
-    places: int, jumps: npt.NDArray[Any] | None, odometer_mm: npt.NDArray[Any] | None
-) -> None:
-    """Check that jumps lead from place to place, and that the distance driven never falls."""
-    if jumps is not None:
-        check_array(jumps, "jumps", (np.int32,), (None, 2))
-        check_range(jumps, "jumps", 0, places - 1)
-        if len(jumps) > MOST_JUMPS:
-            raise MapError(f"jumps has {len(jumps)} pairs of places: expected up to {MOST_JUMPS}")
-        if (jumps[:, 0] == jumps[:, 1]).any():
-            raise MapError("jumps leads from a place to itself: expected pairs of two places")
-    if odometer_mm is not None:
-        check_array(odometer_mm, "the distance driven", (np.int64,), (places,))
-        check_range(odometer_mm, "the distance driven", 0, MOST_MM)
-        if (np.diff(odometer_mm) < 0).any():
-            raise MapError("the distance driven falls from place to place: expected that it rises")
+def check_distance_driven(odometer_mm: npt.NDArray[Any], places: int) -> None:
+    """Check that there is a distance of each place, and that it never falls."""
+    check_array(odometer_mm, "the distance driven", (np.int64,), (places,))
+    check_range(odometer_mm, "the distance driven", 0, MOST_MM)
+    if (np.diff(odometer_mm) < 0).any():
+        raise MapError("the distance driven falls from place to place: expected that it rises")
 
 
 def check_codes(
@@ -127,7 +115,7 @@ def check_codes(
 
 KIND = "reference map"
 #: arrays that only some maps have
-_OPTIONAL = ("full_scale", "mean", "limits", "jumps", "odometer_mm", "learnt_mean", "drives")
+_OPTIONAL = ("full_scale", "mean", "limits", "odometer_mm", "learnt_mean", "drives")
 #: a map of any class: a function that changes a map returns one of the same class
 AnyMap = TypeVar("AnyMap", bound="MapRecord")
 
@@ -154,7 +142,6 @@ class MapRecord(EqualByValue):
     limits: npt.NDArray[np.int32] | None = None
     confidence: Confidence | None = None
     route: Route | None = None
-    jumps: npt.NDArray[np.int32] | None = None
     odometer_mm: npt.NDArray[np.int64] | None = None
     frame_period: Fraction | None = None
     learnt_mean: npt.NDArray[np.int32] | None = None
@@ -203,7 +190,8 @@ class MapRecord(EqualByValue):
             check_array(self.full_scale, "full_scale", (np.uint16,), (counters,))
         if self.route is not None and len(self.route.along_m) != len(places):
             raise MapError(f"position has {len(self.route.along_m)} rows for {len(places)} places")
-        check_transitions(len(places), self.jumps, self.odometer_mm)
+        if self.odometer_mm is not None:
+            check_distance_driven(self.odometer_mm, len(places))
         self._check_learnt()
         own_mean = self.own_mean_code
         if own_mean is None:

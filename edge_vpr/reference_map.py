@@ -37,7 +37,7 @@ from edge_vpr.errors import EdgeVprWarning, MapError, UsageError, as_path, expec
 from edge_vpr.evaluation.facts import Drive, facts
 from edge_vpr.evaluation.ground_truth import Alignment, GroundTruth, from_tracks
 from edge_vpr.evaluation.metrics import Evaluation, RecallDenominator, evaluate
-from edge_vpr.evaluation.tables import TableData, load_jumps, load_odometry
+from edge_vpr.evaluation.tables import TableData, load_odometry
 from edge_vpr.evaluation.track_files import AnyTrack, load_track
 from edge_vpr.evaluation.tracks import UNIX_US, Track, with_positions
 from edge_vpr.events import TIME_LIMIT_US, SensorSize
@@ -128,9 +128,6 @@ class ReferenceMap(MapRecord):
         Probability of matches with these settings, learnt from an evaluated drive.
     route : Route, optional
         Where the K places are.
-    jumps : ndarray of int32, shape (n, 2), optional
-        Pairs of places: from the first, the place filter may step to the second, as where a loop
-        closes or two routes meet.
     odometer_mm : ndarray of int64, shape (K,), optional
         Millimetres that the reference had driven at each place by its own odometry.
     frame_period : Fraction, optional
@@ -158,7 +155,6 @@ class ReferenceMap(MapRecord):
         hot: npt.NDArray[np.bool_] | PathName | None = None,
         track: AnyTrack | None = None,
         odometry: Odometry | TableData | PathName | None = None,
-        jumps: npt.NDArray[np.int32] | PathName | None = None,
         removed: Removed | None = None,
         **changes: Unpack[SettingChanges],
     ) -> Self:
@@ -184,8 +180,6 @@ class ReferenceMap(MapRecord):
             Of this drive; gives each place its position. See `load_track`.
         odometry : Odometry or path or table, optional
             Of this drive; gives each place its distance along the drive.
-        jumps : ndarray of int32, shape (n, 2), or path, optional
-            Pairs of places that one step can lead between; only the place filter takes them.
         removed : Removed, optional
             Filled with what cleaning removed.
         **changes
@@ -218,10 +212,6 @@ class ReferenceMap(MapRecord):
             pixel_map = (
                 cls.load(pixel_map).pixel_map if is_map else load_pixel_map(pixel_map, drive.sensor)
             )
-        if jumps is not None and chosen.matching != "filter":
-            raise UsageError(
-                "jumps= is for the place filter: add matching='filter', or leave the jumps out"
-            )
         track, odometry = _track_of(track), _odometry_of(odometry)
         removed = Removed() if removed is None else removed
         found = map_traverse(drive, chosen, pixel_map=pixel_map, hot=hot, removed=removed)
@@ -244,9 +234,7 @@ class ReferenceMap(MapRecord):
             made = with_positions(made, track, clock_us)
         if odometry is not None:
             made = replace(made, odometer_mm=_of_part(drive, odometry).along(made.places.centre_us))
-        if isinstance(jumps, str | Path):
-            jumps = load_jumps(jumps, len(made))
-        return made if jumps is None else replace(made, jumps=jumps)
+        return made
 
     def update(
         self,

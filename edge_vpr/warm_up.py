@@ -125,7 +125,6 @@ def matching_steps(reference: MapRecord, *, odometry: bool = False) -> list[Warm
                 windows,
                 settings,
                 reference.confidence,
-                jumps=None if reference.jumps is None else np.array([[few.size - 1, 0]], np.int32),
                 along_mm=None if reference.along_mm is None else reference.along_mm[few],
                 odometry=driven,
             )

@@ -1,6 +1,6 @@
 """Section 10 of docs/specification.md as a program: matching of drives on a computer only.
 
-Smoothing, odometry, jumps, unseen time and misfit extend the place filter of `specification`.
+Smoothing, odometry, unseen time and misfit extend the place filter of `specification`.
 """
 
 from __future__ import annotations
@@ -18,12 +18,10 @@ from firmware_model.specification import (
     Filter,
     FilterMap,
     Rows,
-    Seen,
     activity_of,
     add,
     best,
     change_gain,
-    costs_to,
     differences_of,
     distance,
     evidence,
@@ -85,14 +83,12 @@ class DriveMap(NamedTuple):
         Mean of the events that count of the reference's windows, in units of 1/256 event.
     along : sequence of int, length K, or empty
         Distance of each place on the reference drive, in millimetres.
-    jumps : sequence of (int, int)
     """
 
     filter: FilterMap
     typical: Sequence[int]
     mean_activity: int
     along: Sequence[int] = ()
-    jumps: Sequence[tuple[int, int]] = ()
 
     @classmethod
     def of(
@@ -104,7 +100,6 @@ class DriveMap(NamedTuple):
         restart: int,
         exclusion: int,
         along: Sequence[int] = (),
-        jumps: Sequence[tuple[int, int]] = (),
         gains: Sequence[int] = GAINS,
         by_count: bool = False,
     ) -> DriveMap:
@@ -115,7 +110,7 @@ class DriveMap(NamedTuple):
         of_filter = FilterMap(
             activity, bias_of(typical), per_window, restart, exclusion, gains, costs
         )
-        return cls(of_filter, typical, mean_activity, along, jumps)
+        return cls(of_filter, typical, mean_activity, along)
 
     def begin(self) -> Filter:
         """Return the filter before the first window."""
@@ -152,45 +147,21 @@ def anchored(driven: Sequence[int | None], spacing: int) -> list[int | None]:
     return found
 
 
-def transitions_by_distance(
-    along: Sequence[int], driven: int, per_window: int, jumps: Sequence[tuple[int, int]]
-) -> Edges:
+def transitions_by_distance(along: Sequence[int], driven: int, per_window: int) -> Edges:
     """Return the transitions between all places, with costs by the driven distance."""
-    spacing, last = spacing_of(along), len(along) - 1
-    rate = (1 << 19) // (spacing * per_window)
+    rate = (1 << 19) // (spacing_of(along) * per_window)
 
     def cost(length: int) -> int:
         return (abs(length - driven) * rate) >> 16
 
-    every = range(last + 1)
-    found = [(j, k, cost(along[k] - along[j])) for j in every for k in every]
-    for a, b in jumps:
-        for j in range(max(a - 7, 0), a + 1):
-            for k in range(b, min(b + 7, last) + 1):
-                length = along[a] - along[j] + spacing + along[k] - along[b]
-                found.append((j, k, cost(length)))
-    return found
+    every = range(len(along))
+    return [(j, k, cost(along[k] - along[j])) for j in every for k in every]
 
 
 def most_weight(along: Sequence[int], driven: int, per_window: int) -> int:
     """Return the largest weight of the evidence after a driven distance."""
     window = spacing_of(along) * per_window
     return min((8 * abs(driven) + window - 1) // window, 8)
-
-
-# Jumps.
-
-
-def steps_and_jumps(known: DriveMap, seen: Seen, gain: int) -> Edges:
-    """Return the steps of a gain, also those that lead through a jump."""
-    of_filter, last = known.filter, len(known.typical) - 1
-    found = steps_of(of_filter, seen, gain)
-    for a, b in known.jumps:
-        for over in range(min(of_filter.last, last - b + 1)):
-            costs = costs_to(of_filter, seen, gain, b + over)
-            for step in range(over + 1, min(of_filter.last, a + over + 1) + 1):
-                found.append((a - (step - 1 - over), b + over, costs[step]))
-    return found
 
 
 # A window of a drive.
@@ -244,7 +215,7 @@ def advance_window(
     driven: int | None = None,
     driven_whole: int = 0,
 ) -> Window:
-    """Advance the filter by a window: `specification.advance`, with odometry and jumps.
+    """Advance the filter by a window: `specification.advance`, with odometry.
 
     Parameters
     ----------
@@ -256,10 +227,10 @@ def advance_window(
     whole, by_distance = seen.weight, None
     if driven is not None:
         along, per_window = known.along, of_filter.per_window
-        by_distance = transitions_by_distance(along, driven, per_window, known.jumps)
+        by_distance = transitions_by_distance(along, driven, per_window)
         weight = min(whole, most_weight(along, driven_whole, per_window))
         seen = seen._replace(weight=weight, looks=[0] * len(seen.looks))
-    steps = [steps_and_jumps(known, seen, gain) for gain in of_filter.gains]
+    steps = [steps_of(of_filter, seen, gain) for gain in of_filter.gains]
     if by_distance is None:
         predicted = predict(of_filter, state, steps)
     else:
@@ -293,10 +264,7 @@ def is_reached(known: DriveMap, before: int | None, place: int, by_distance: Edg
         return any(
             (j, k) == (before, place) and cost < known.filter.restart for j, k, cost in by_distance
         )
-    last = known.filter.last
-    return 0 <= place - before <= last or any(
-        a >= before and place >= b and (a - before) + (place - b) < last for a, b in known.jumps
-    )
+    return 0 <= place - before <= known.filter.last
 
 
 # The rest of a drive.
@@ -315,9 +283,8 @@ def smoothed(known: DriveMap, windows: Sequence[Window]) -> list[tuple[Best, Row
         behind = _sums(to_go, [window.evidence(h) for h in range(len(to_go))])
         to_go = change_gain(_before(known, window, behind))
         if window.unseen:
-            last, steps = len(known.typical) - 1, window.unseen * known.filter.per_window
-            back = [(last - b, last - a) for a, b in known.jumps]
-            to_go = [spread(row[::-1], steps, back)[::-1] for row in to_go]
+            steps = window.unseen * known.filter.per_window
+            to_go = [spread(row[::-1], steps)[::-1] for row in to_go]
     return found[::-1]
 
 
@@ -395,7 +362,7 @@ def windows_of(
     ):
         if gap:
             steps = gap * known.filter.per_window
-            metrics = [spread(row, steps, known.jumps) for row in state.metrics]
+            metrics = [spread(row, steps) for row in state.metrics]
             state = state._replace(metrics=metrics, support=0, age=0)
         of_mean = known.mean_activity if len(known.filter.gains) > 1 else mean
         window = advance_window(
@@ -485,14 +452,11 @@ def codes_of_sums(
 # Unseen time.
 
 
-def spread(metrics: Sequence[int], steps: int, jumps: Sequence[tuple[int, int]]) -> list[int]:
+def spread(metrics: Sequence[int], steps: int) -> list[int]:
     """Return the least metric from which up to so many steps lead to each place."""
     found = list(metrics)
     for _ in range(min(steps, len(found))):
-        reached = [found[0], *(min(pair) for pair in pairwise(found))]
-        for a, b in jumps:
-            reached[b] = min(reached[b], found[a])
-        found = reached
+        found = [found[0], *(min(pair) for pair in pairwise(found))]
     return found
 
 

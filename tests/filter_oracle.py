@@ -28,12 +28,11 @@ def drive_map(
     mean_activity: int,
     exclusion: int,
     along: Sequence[int] = (),
-    jumps: Sequence[tuple[int, int]] = (),
 ) -> DriveMap:
     """What a map with these costs says."""
     return DriveMap.of(
         activity, typical, mean_activity, costs.places_per_window, 4 * costs.restart, exclusion,
-        along, jumps, gains_of(costs.gains), not costs.by_activity,
+        along, gains_of(costs.gains), not costs.by_activity,
     )  # fmt: skip
 
 
@@ -58,7 +57,6 @@ def of_reference(reference: ReferenceMap) -> DriveMap:
         TransitionCosts.of(settings), activities(events, mean_activity),
         typical_distances(reference.places.counts.tolist()), mean_activity,
         settings.exclusion * per_window,
-        jumps=[] if reference.jumps is None else reference.jumps.tolist(),
     )  # fmt: skip
 
 

@@ -1,4 +1,4 @@
-"""Tables of numbers as text, in common encodings and dialects; odometry and jumps."""
+"""Tables of numbers as text, in common encodings and dialects; odometry."""
 
 from __future__ import annotations
 
@@ -300,43 +300,3 @@ def save_odometry(path: str | Path, odometry: Odometry) -> None:
     with replacing(path) as temporary, temporary.open("w", encoding="ascii") as file:
         file.write("time_s,distance_m\n")
         file.writelines(f"{t / 1e6:.6f},{mm / 1e3:.3f}\n" for t, mm in rows)
-
-
-# Jump files: tables of pairs of places between which one step can lead.
-
-
-def load_jumps(path: str | Path, places: int) -> npt.NDArray[np.int32]:
-    """Read jumps from a ``.csv`` table.
-
-    Parameters
-    ----------
-    path : str or Path
-        With the header ``from,to``: from the first place of a row, one step leads to the second.
-        For both directions, give two rows.
-    places : int
-        Number of places of the map, which are counted from 0.
-
-    Returns
-    -------
-    ndarray of int32, shape (n, 2)
-
-    Raises
-    ------
-    GroundTruthError
-        If the file cannot be read, is not of this form, or names a place that the map lacks.
-    """
-    path = as_path(path, "a list of jumps")
-    if path.suffix.lower() != ".csv":
-        raise GroundTruthError(f"{path} is no list of jumps: give a .csv table")
-    header, table = read_table(path)
-    if header != ("from", "to"):
-        raise GroundTruthError(f"{path} has the header {','.join(header)!r}: expected from,to")
-    wrong = (table != np.floor(table)) | (table < 0) | (table >= places)
-    rows = np.flatnonzero(wrong.any(axis=1) | (table[:, 0] == table[:, 1]))
-    if rows.size:
-        one, other = table[rows[0]].tolist()
-        raise GroundTruthError(
-            f"{path}: row {rows[0] + 1} is {one:g},{other:g}: expected two places of the map, from "
-            f"0 to {places - 1}"
-        )
-    return table.astype(np.int32)

@@ -20,7 +20,7 @@ from edge_vpr.matching.distances import BLOCK_DISTANCES, ReferenceIndex
 from edge_vpr.matching.filter_match import MISFIT, TRUST, FilterMatch
 from edge_vpr.matching.matches import CANDIDATES, Matches
 from edge_vpr.matching.place_filter import PlaceFilter, WindowRows
-from edge_vpr.matching.prediction import Metrics, Travelled, check_no_transitions
+from edge_vpr.matching.prediction import Metrics, Travelled, check_no_odometry
 from edge_vpr.matching.search import nearest_places
 from edge_vpr.matching.sequences import match_by_sequences, sequence_distances
 from edge_vpr.matching.smoothing import BackwardPass, runs
@@ -230,7 +230,7 @@ def _smooth(drive: _Drive, found: FilteredDrive) -> None:
 def match_query(
     reference: MapRecord, queries: Descriptors, odometry: Odometry | None = None
 ) -> Matches:
-    """Match a described query with a map, using its settings, probabilities and jumps.
+    """Match a described query with a map, using its settings and probabilities.
 
     Parameters
     ----------
@@ -242,7 +242,6 @@ def match_query(
         queries,
         reference.settings,
         reference.confidence,
-        jumps=reference.jumps,
         along_mm=reference.along_mm,
         odometry=odometry,
     )
@@ -254,7 +253,6 @@ def match_descriptors(
     settings: Settings,
     confidence: Confidence | None = None,
     *,
-    jumps: npt.NDArray[np.int32] | None = None,
     along_mm: npt.NDArray[np.int64] | None = None,
     odometry: Odometry | None = None,
 ) -> Matches:
@@ -271,8 +269,6 @@ def match_descriptors(
     confidence : Confidence, optional
         Table of probabilities; by default the shipped one for the place filter, and none for
         sequences.
-    jumps : ndarray of int32, shape (n, 2), optional
-        Jumps of the map, see `MapRecord`; for the place filter only.
     along_mm : ndarray of int64, shape (K,), optional
         `MapRecord.along_mm`.
     odometry : Odometry, optional
@@ -289,10 +285,10 @@ def match_descriptors(
     acceptance = Acceptance.of(settings, confidence)
     if settings.matching == "filter":
         check_summed(queries, settings)
-        place_filter = PlaceFilter.of(places, settings, jumps, along_mm)
+        place_filter = PlaceFilter.of(places, settings, along_mm)
         index = ReferenceIndex(places.counts)
         return match_by_filter(place_filter, index, queries, settings, acceptance, odometry)
-    check_no_transitions(jumps, odometry is not None)
+    check_no_odometry(odometry is not None)
     return match_by_sequences(places, queries, settings, acceptance)
 
 
@@ -363,7 +359,6 @@ def query_distances(
         reference.places,
         queries,
         reference.settings,
-        jumps=reference.jumps,
         along_mm=reference.along_mm,
         odometry=odometry,
     )
@@ -374,7 +369,6 @@ def drive_distances(
     queries: Descriptors,
     settings: Settings,
     *,
-    jumps: npt.NDArray[np.int32] | None = None,
     along_mm: npt.NDArray[np.int64] | None = None,
     odometry: Odometry | None = None,
 ) -> npt.NDArray[np.float64]:
@@ -384,7 +378,7 @@ def drive_distances(
     ----------
     places, queries : Descriptors
         K places and Q query windows.
-    jumps, along_mm, odometry
+    along_mm, odometry
         See `match_descriptors`.
 
     Returns
@@ -403,9 +397,9 @@ def drive_distances(
         check_summed(queries, settings)
         out = np.empty((len(places), len(queries)))
         filter_drive(
-            PlaceFilter.of(places, settings, jumps, along_mm), ReferenceIndex(places.counts),
+            PlaceFilter.of(places, settings, along_mm), ReferenceIndex(places.counts),
             queries, odometry, smooth=settings.smooth, metrics=out,
         )  # fmt: skip
         return out
-    check_no_transitions(jumps, odometry is not None)
+    check_no_odometry(odometry is not None)
     return sequence_distances(places, queries, settings.sequence_length)

@@ -60,7 +60,6 @@ from edge_vpr.matching.prediction import (
     Narrow,
     TransitionCosts,
     Transitions,
-    is_reachable,
     predict,
 )
 from edge_vpr.matching.search import least_and_second
@@ -379,8 +378,7 @@ def write_trust(
     if by_distance:
         follows = state.follows[best]
     else:
-        last = len(table.costs) - 1
-        follows = before.place >= 0 and is_reachable(before.place, best, last, table.jumps)
+        follows = before.place >= 0 and 0 <= best - before.place < len(table.costs)
     evidence = out.evidence[i, out.sums[i, gain]]
     kept, residual = before.support if follows else 0, residual_of(evidence[best])
     now.support = support_after(kept, best == before.place, margin)
@@ -483,7 +481,6 @@ class PlaceFilter:
         cls,
         places: Descriptors,
         settings: Settings,
-        jumps: npt.NDArray[np.int32] | None = None,
         along_mm: npt.NDArray[np.int64] | None = None,
     ) -> PlaceFilter:
         """Return the place filter of a map, before its first window.
@@ -492,12 +489,12 @@ class PlaceFilter:
         ----------
         places : Descriptors
             Descriptors of the map, in its codes.
-        jumps, along_mm : ndarray, optional
+        along_mm : ndarray of int64, shape (K,), optional
             See `Transitions`.
         """
         events, number = places.counted_events, settings.window_parts
         transitions = Transitions(
-            len(places), TransitionCosts.of(settings), place_activity(events, number), jumps,
+            len(places), TransitionCosts.of(settings), place_activity(events, number),
             along_mm, typical_distances(places.counts), settings.exclusion_places,
         )  # fmt: skip
         patience = PATIENCE_SMOOTHED if settings.smooth else PATIENCE

@@ -1,7 +1,7 @@
 """Prediction: the cost of each place and gain one window later, by steps or by a driven distance.
 
 The cost of a step depends on the events of the window and on the gain, or is fixed, or follows from
-odometry; jumps of the map connect places like steps. All costs are integers with `FRACTION_BITS`.
+odometry. All costs are integers with `FRACTION_BITS`.
 """
 
 from __future__ import annotations
@@ -12,9 +12,9 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from edge_vpr.compiling import kernel, plain
+from edge_vpr.compiling import kernel
 from edge_vpr.errors import UsageError
-from edge_vpr.map_record import check_transitions
+from edge_vpr.map_record import check_distance_driven
 from edge_vpr.route import MOST_MM
 from edge_vpr.settings import MOST_COST, Settings
 from fixedpoint.activity import (
@@ -122,8 +122,6 @@ class FilterTable(NamedTuple):
         Gain of each hypothesis, in 1/16 octave.
     restart_cost : int
         Cost of a restart, with fraction bits; `TransitionCosts.restart` is in whole units.
-    jumps : ndarray of int32, shape (n, 2)
-        Pairs of places, from and to, that follow each other without a step.
     activity : ndarray of int32, shape (K,)
         Activity of each place, see `place_activity`.
     typical : ndarray of int64, shape (K,)
@@ -139,7 +137,6 @@ class FilterTable(NamedTuple):
     costs: Narrow
     gains: npt.NDArray[np.int64]
     restart_cost: int
-    jumps: npt.NDArray[np.int32]
     activity: npt.NDArray[np.int32]
     typical: npt.NDArray[np.int64]
     bias: npt.NDArray[np.int64]
@@ -169,18 +166,6 @@ def bias_of(typical: npt.NDArray[np.int64]) -> npt.NDArray[np.int64]:
     """
     part = typical * TYPICAL_EIGHTHS >> 3
     return np.minimum(part.max() - part, BIAS_TOP)
-
-
-@kernel(inner=True)
-def is_reachable(place: int, next_place: int, last: int, jumps: npt.NDArray[np.int32]) -> bool:
-    """Return whether a step of at most `last` places, possibly over a jump, reaches a place."""
-    if 0 <= next_place - place <= last:
-        return True
-    for n in range(len(jumps)):
-        before, beyond = jumps[n, 0] - place, next_place - jumps[n, 1]
-        if before >= 0 and beyond >= 0 and before + beyond < last:
-            return True
-    return False
 
 
 @kernel(inner=True)
@@ -227,8 +212,8 @@ def move_on(metric: Narrow, table: FilterTable, activity: int, back: bool, out: 
     back : bool
         Whether `metric` belongs to the later window, and the costs in the earlier one are computed.
     out : ndarray of int16, shape (K, LANES)
-        ``min(min_i (M[k - i] + cost[i]), min_k M + restart_cost)``. Over a jump from a to b, place
-        k = b + o is i places from a - (i - 1 - o). The costs are those of the place reached.
+        ``min(min_i (M[k - i] + cost[i]), min_k M + restart_cost)``, with the costs of the place
+        that is reached.
     """
     places = len(metric)
     restarted = metric[0].copy()
@@ -247,16 +232,6 @@ def move_on(metric: Narrow, table: FilterTable, activity: int, back: bool, out: 
             for h in range(LANES):
                 cost = np.int16(metric[other, h] + table.costs[i, first + h])
                 out[to, h] = min(out[to, h], cost)
-    for j in range(len(table.jumps)):
-        for i in range(1, len(table.costs)):
-            for over in range(i):
-                begin, end = table.jumps[j, 0] - (i - 1 - over), table.jumps[j, 1] + over
-                if begin >= 0 and end < places:
-                    first = first_column(activity, table.activity[end])
-                    to, other = (begin, end) if back else (end, begin)
-                    for h in range(LANES):
-                        cost = np.int16(metric[other, h] + table.costs[i, first + h])
-                        out[to, h] = min(out[to, h], cost)
 
 
 @kernel(inline="always")
@@ -284,8 +259,6 @@ def predict(metric: Narrow, table: FilterTable, activity: int, out: Narrow) -> N
 
 #: fraction bits of the cost of a millimetre
 RATE_BITS = 16
-#: with odometry, a step over a jump may start and end up to this many places from it
-JUMP_REACH = 8
 
 
 @kernel
@@ -293,9 +266,8 @@ def predict_by_distance(
     metric: Metrics,
     along: npt.NDArray[np.int64],
     travelled: int,
-    rate_and_spacing: tuple[int, int],
+    rate: int,
     restart_cost: int,
-    jumps: npt.NDArray[np.int32],
 ) -> Metrics:
     """Return the cheapest cost of each place after a known driven distance.
 
@@ -307,18 +279,15 @@ def predict_by_distance(
         Millimetres that the reference had driven at each place, never decreasing.
     travelled : int
         Millimetres since the window before; negative when driving backwards.
-    rate_and_spacing : tuple of int
-        Cost per millimetre of deviation in units of ``2**-16``, and millimetres between two places.
-    jumps : ndarray of int32, shape (n, 2)
-        Pairs of places, from and to, that follow each other without a step.
+    rate : int
+        Cost per millimetre of deviation, in units of ``2**-16``.
 
     Returns
     -------
     ndarray of int32, shape (K,)
         ``min(min_j (M[j] + |along[k] - along[j] - travelled| * rate), min M + restart_cost)``, less
-        ``min M``, rounded down. A jump has the length of one mean spacing.
+        ``min M``, rounded down.
     """
-    rate, spacing = rate_and_spacing
     least, places = np.int64(metric.min()), metric.size
     prediction = np.full(places, np.int64(restart_cost) << RATE_BITS, dtype=np.int64)
     # rounding down is monotone: the lowest exact cost, rounded, is the lowest rounded cost
@@ -336,13 +305,6 @@ def predict_by_distance(
             best, j = min(best, cost), j - 1
         if j < places - 1:
             prediction[k] = min(prediction[k], best - along[k] * rate)
-    for n in range(len(jumps)):
-        begin, end = jumps[n, 0], jumps[n, 1]
-        for source in range(max(begin - JUMP_REACH + 1, 0), begin + 1):
-            for k in range(end, min(end + JUMP_REACH, places)):
-                length = along[begin] - along[source] + spacing + along[k] - along[end]
-                cost = ((metric[source] - least) << RATE_BITS) + abs(length - travelled) * rate
-                prediction[k] = min(prediction[k], cost)
     return (prediction >> RATE_BITS).astype(np.int32)
 
 
@@ -351,7 +313,6 @@ def predict_by_distance(
 
 #: with odometry, the cost of a deviation by the mean distance of one window
 OFF_BY_A_WINDOW = 2
-_NO_JUMPS = np.zeros((0, 2), dtype=np.int32)
 
 
 class Transitions:
@@ -363,9 +324,6 @@ class Transitions:
         K.
     place_activity : ndarray of int32, shape (K,), optional
         See `place_activity`; 0 by default.
-    jumps : ndarray of int32, shape (n, 2), optional
-        Pairs of places: one step also leads from the first to the second, for example where a loop
-        closes or two routes meet. Longer steps may cross the pair.
     along_mm : ndarray of int64, shape (K,), optional
         Millimetres that the reference had driven at each place, never decreasing. Odometry of a
         query is compared with it.
@@ -376,10 +334,9 @@ class Transitions:
 
     Examples
     --------
-    >>> jumps = np.array([[3, 0]], dtype=np.int32)  # from the end to the start
-    >>> transitions = Transitions(4, TransitionCosts(restart=5, by_activity=False), jumps=jumps)
-    >>> transitions.reaches(3, 0, None), transitions.reaches(2, 0, None)
-    (True, True)
+    >>> transitions = Transitions(4, TransitionCosts(restart=5, by_activity=False))
+    >>> transitions.reaches(0, 3, None), transitions.reaches(3, 0, None)
+    (True, False)
     """
 
     def __init__(
@@ -387,7 +344,6 @@ class Transitions:
         places: int,
         costs: TransitionCosts,
         place_activity: npt.NDArray[np.int32] | None = None,
-        jumps: npt.NDArray[np.int32] | None = None,
         along_mm: npt.NDArray[np.int64] | None = None,
         typical: npt.NDArray[np.int64] | None = None,
         exclusion: int = 3,
@@ -395,8 +351,8 @@ class Transitions:
         if places < 1:
             raise UsageError(f"a map of {places} places: expected at least 1")
         self.places, self.costs = places, costs
-        self.jumps = _NO_JUMPS if jumps is None else np.asarray(jumps, dtype=np.int32)
-        check_transitions(places, self.jumps, along_mm)
+        if along_mm is not None:
+            check_distance_driven(along_mm, places)
         if place_activity is None:
             place_activity = np.zeros(places, dtype=np.int32)
         check_activity(place_activity, places)
@@ -404,8 +360,8 @@ class Transitions:
             typical = np.zeros(places, dtype=np.int64)
         gains = np.array(GAINS if costs.gains > 1 else (0,), dtype=np.int64)
         self.table = FilterTable(
-            costs.by_step, gains, costs.restart << FRACTION_BITS, self.jumps, place_activity,
-            typical, bias_of(typical), exclusion, REACH[costs.places_per_window],
+            costs.by_step, gains, costs.restart << FRACTION_BITS, place_activity, typical,
+            bias_of(typical), exclusion, REACH[costs.places_per_window],
         )  # fmt: skip
         self._along = along_mm
         #: mean distance between two places; 0 if the map has no distances
@@ -429,14 +385,12 @@ class Transitions:
         back : bool
             Return the cost of each place before the distance instead.
         """
-        along, jumps = self._checked_along(), self.jumps
+        along = self._checked_along()
         if back:  # the same distance on the route in the opposite direction
             metric, along = np.ascontiguousarray(metric[::-1]), along[-1] - along[::-1]
-            jumps = self.places - 1 - jumps[:, ::-1]
         found = predict_by_distance(
-            metric, along, _limited(travelled_mm), (self._rate, self.spacing_mm),
-            self.table.restart_cost, jumps,
-        )  # fmt: skip
+            metric, along, _limited(travelled_mm), self._rate, self.table.restart_cost
+        )
         return np.ascontiguousarray(found[::-1]) if back else found
 
     def spread(self, metric: npt.NDArray[Any], windows: int, *, back: bool = False) -> None:
@@ -447,7 +401,7 @@ class Transitions:
         metric : ndarray of int, shape (K,)
             Cost of each place, updated in place.
         windows : int
-            Of the map: as many steps to the next place, or over a jump.
+            Of the map: as many steps to the next place.
         back : bool
             Take the places to which they lead instead.
         """
@@ -455,10 +409,8 @@ class Transitions:
             before = metric.copy()
             if back:
                 np.minimum(before[:-1], before[1:], out=metric[:-1])
-                np.minimum.at(metric, self.jumps[:, 0], before[self.jumps[:, 1]])
             else:
                 np.minimum(before[1:], before[:-1], out=metric[1:])
-                np.minimum.at(metric, self.jumps[:, 1], before[self.jumps[:, 0]])
             if np.array_equal(metric, before):
                 return
 
@@ -477,21 +429,12 @@ class Transitions:
         """Return which places are reachable over a distance without a restart, shape (K,)."""
         along, travelled = self._checked_along(), _limited(travelled_mm)
         off = np.abs(along - along[place] - travelled)
-        follows = (off * self._rate) >> RATE_BITS < self.table.restart_cost
-        before = self.jumps[:, 0] - place
-        for begin, end in self.jumps[(before >= 0) & (before < JUMP_REACH)].tolist():
-            beyond = slice(end, end + JUMP_REACH)
-            length = along[begin] - along[place] + self.spacing_mm + along[beyond] - along[end]
-            cost = (np.abs(length - travelled) * self._rate) >> RATE_BITS
-            follows[beyond] |= cost < self.table.restart_cost
-        return np.asarray(follows)
+        return np.asarray((off * self._rate) >> RATE_BITS < self.table.restart_cost)
 
     def reaches(self, place: int, next_place: int, travelled_mm: int | None) -> bool:
         """Return whether `next_place` is reachable from `place` without a restart."""
-        table = self.table
         if travelled_mm is None:
-            last = len(table.costs) - 1
-            return bool(plain(is_reachable)(place, next_place, last, table.jumps))
+            return 0 <= next_place - place < len(self.table.costs)
         return bool(self.following(place, travelled_mm)[next_place])
 
     def _checked_along(self) -> npt.NDArray[np.int64]:
@@ -508,20 +451,11 @@ class Transitions:
         return self._along
 
 
-def check_no_transitions(jumps: npt.NDArray[np.int32] | None, odometry: bool) -> None:
-    """Raise UsageError if jumps or odometry are given, which sequences do not use.
-
-    Parameters
-    ----------
-    jumps : ndarray of int32, shape (n, 2), optional
-        None if there are none.
-    odometry : bool
-        Whether it is given.
-    """
-    given = "odometry" if odometry else "a map with jumps"
-    if odometry or (jumps is not None and len(jumps)):
+def check_no_odometry(odometry: bool) -> None:
+    """Raise UsageError if there is odometry, which sequences do not use."""
+    if odometry:
         raise UsageError(
-            f"{given} is for the place filter, and sequences follow neither: match with "
+            "odometry is for the place filter, and sequences do not use it: match with "
             "matching='filter'"
         )
 

@@ -31,7 +31,7 @@ from edge_vpr.events import (
     as_events,
 )
 from edge_vpr.map_record import MapRecord
-from edge_vpr.matching.prediction import check_no_transitions
+from edge_vpr.matching.prediction import check_no_odometry
 from edge_vpr.online.kernels import REFUSED, check_order
 from edge_vpr.online.runs import (
     NO_MATCHES,
@@ -95,7 +95,6 @@ class Localiser:
         if settings.matching == "filter":
             self.run = FilterRun(reference, self._window, self.every)
         else:
-            check_no_transitions(reference.jumps, odometry=False)
             self.run = SequenceRun(reference, self._window, self.every)
 
     def __len__(self) -> int:
@@ -227,7 +226,7 @@ class Localiser:
         """
         run = self.run
         if not isinstance(run, FilterRun):
-            check_no_transitions(None, odometry=True)
+            check_no_odometry(odometry=True)
             return NO_MATCHES
         expect(time_us, (int, np.integer), "time_us", "whole microseconds")
         expect(distance_m, (int, float, np.number), "distance_m", "metres as a number")
@@ -377,7 +376,6 @@ def map_arrays(reference: MapRecord) -> Arrays:
         pixel_y=reference.pixel_map.y,
         mean=reference.mean,
         limits=reference.limits,
-        jumps=reference.jumps,
     )
     if reference.confidence is not None:
         arrays |= reference.confidence.to_arrays()
@@ -409,7 +407,6 @@ def searched_map(arrays: Arrays, meta: Mapping[str, Any]) -> MapRecord:
         mean=arrays.get("mean"),
         limits=arrays.get("limits"),
         confidence=Confidence.from_arrays(arrays),
-        jumps=arrays.get("jumps"),
         odometer_mm=arrays.get("odometer_mm"),
     )
 

@@ -332,9 +332,7 @@ class FilterRun(MatchRun):
     """
 
     def __init__(self, reference: MapRecord, window: Window, schedule: MatchSchedule) -> None:
-        self.place_filter = PlaceFilter.of(
-            reference.places, reference.settings, reference.jumps, reference.along_mm
-        )
+        self.place_filter = PlaceFilter.of(reference.places, reference.settings, reference.along_mm)
         super().__init__(reference, window, schedule, place_filter=self.place_filter)
         self.odometer = Odometer(self.place_filter.transitions.spacing_mm)
         self.odometer_check = OdometerCheck(_events_per_s(reference))

@@ -18,7 +18,7 @@ from edge_vpr.archive import Arrays
 from edge_vpr.confidence import Confidence
 from edge_vpr.descriptors.pixels import PixelMap
 from edge_vpr.evaluation.ground_truth import load_alignment, load_matrix
-from edge_vpr.evaluation.tables import load_jumps, load_odometry
+from edge_vpr.evaluation.tables import load_odometry
 from edge_vpr.evaluation.track_files import load_track
 from edge_vpr.events import Sensor
 from edge_vpr.live.protocols.aer import read_layout
@@ -89,8 +89,7 @@ def write_originals(folder: Path) -> dict[str, list[Path]]:
         reference = map_of(variant, rng)
         if variant == VARIANTS[-1]:  # with all that a map may have
             way = np.arange(len(reference), dtype=np.int64) * 700
-            pairs = np.array([[2, 0], [0, 2]], dtype=np.int32)
-            reference = replace(reference, jumps=pairs, odometer_mm=way)
+            reference = replace(reference, odometer_mm=way)
         reference.save(new("map", ".npz"))
         if variant in (VARIANTS[0], VARIANTS[-1]):
             localiser = Localiser(reference, every=MatchSchedule(interval_us=30, change=True))
@@ -117,7 +116,6 @@ def write_originals(folder: Path) -> dict[str, list[Path]]:
     new("track", ".csv").write_text("time_s,x_m,y_m\n0,0,0\n1,2.5,0\n2,5,1\n")
     new("odometry", ".csv").write_text("time_s,distance_m\n0,0\n0.5,1.5\n1,3.5\n")
     new("odometry", ".csv").write_text("time_s,speed_mps\n0,0\n0.5,1.5\n1,3.5\n")
-    new("jumps", ".csv").write_text("from,to\n0,5\n3,1\n")
     new("alignment", ".csv").write_text("query_s,reference_s\n0,0\n1.5,2\n4,5\n")
     truth = np.eye(4, dtype=np.uint8)
     np.save(new("matrix", ".npy"), truth)
@@ -214,7 +212,6 @@ LOADERS: dict[str, Callable[[Path], object]] = {
     "alignment": load_alignment,
     "matrix": load_matrix,
     "odometry": load_odometry,
-    "jumps": lambda path: load_jumps(path, 6),
     "layout": read_layout,
     "design": Design.load,
     "target": targets.Target.load,

@@ -75,9 +75,8 @@ def test_settings_are_a_preset_settings_a_file_or_keywords(folder, route):
 def test_a_map_equals_itself_after_saving_and_no_other_map(folder, route, tmp_path):
     odometry = ev.load_odometry(folder / "monday.csv")
     full = ev.ReferenceMap.build(
-        folder / "monday.npz", track=folder / "monday.csv", odometry=odometry,
-        jumps=np.array([[0, 5]], dtype=np.int32), **SMALL,
-    )  # fmt: skip
+        folder / "monday.npz", track=folder / "monday.csv", odometry=odometry, **SMALL
+    )
     for made in (route, full):
         made.save(tmp_path / "map.npz", overwrite=True)
         assert ev.ReferenceMap.load(tmp_path / "map.npz") == made
@@ -94,8 +93,7 @@ def test_the_page_has_every_array_of_a_map_with_its_type_and_the_checksum(folder
     """A map that has most of them, read as somebody would who has the page alone."""
     full = ev.ReferenceMap.build(
         folder / "monday.npz", track=folder / "monday.csv",
-        odometry=ev.load_odometry(folder / "monday.csv"),
-        jumps=np.array([[0, 5]], dtype=np.int32), **SMALL,
+        odometry=ev.load_odometry(folder / "monday.csv"), **SMALL,
     )  # fmt: skip
     learnt = full.update(folder / "tuesday.npz", track=folder / "tuesday.csv").reference
     learnt.save(tmp_path / "map.npz")
@@ -396,15 +394,14 @@ def test_too_few_pixels_after_the_hot_ones_names_the_cause(tmp_path, capsys):
 
 
 def test_map_prints_the_packed_size_and_records_every_input(folder, tmp_path, capsys):
-    (tmp_path / "jumps.csv").write_text("from,to\n0,5\n")
     (tmp_path / "hot.csv").write_text("3,2\n")
     (tmp_path / "small.toml").write_text("pixels = 5\nsigma = 1.0\n")
     inputs = [folder / "monday.npz", folder / "monday.csv", tmp_path / "odometry.csv"]
-    inputs += [tmp_path / "jumps.csv", tmp_path / "hot.csv", tmp_path / "small.toml"]
+    inputs += [tmp_path / "hot.csv", tmp_path / "small.toml"]
     inputs[2].write_text("time_s,speed_mps\n0,1\n2,1\n")
-    recording, track, odometry, jumps, hot, config = map(str, inputs)
+    recording, track, odometry, hot, config = map(str, inputs)
     words = ["map", recording, "-o", str(tmp_path / "map.npz"), "--track", track, "--tau", "100ms"]
-    words += ["--odometry", odometry, "--jumps", jumps, "--hot-pixels", hot, "--config", config]
+    words += ["--odometry", odometry, "--hot-pixels", hot, "--config", config]
     assert main(words) == 0
     said = capsys.readouterr().out
     made = ev.ReferenceMap.load(tmp_path / "map.npz")

@@ -23,7 +23,7 @@ from edge_vpr.descriptors.cleaning import load_hot_pixels
 from edge_vpr.descriptors.pixels import load_pixel_map
 from edge_vpr.errors import EdgeVprError, UsageError
 from edge_vpr.evaluation.ground_truth import load_alignment, load_matrix
-from edge_vpr.evaluation.tables import load_jumps, load_odometry
+from edge_vpr.evaluation.tables import load_odometry
 from edge_vpr.evaluation.track_files import load_track
 from edge_vpr.events import Sensor
 from edge_vpr.files import check_output, clear_dead_runs, read_json, replacing, replacing_folder
@@ -106,7 +106,6 @@ INPUTS = {
     "a log": (".nmea", load_track),
     "poses": (".tum", load_track),
     "odometry": (".csv", load_odometry),
-    "jumps": (".csv", lambda path: load_jumps(path, 5)),
     "pairs": (".csv", load_alignment),
     "a matrix": (".csv", load_matrix),
     "a matrix of NumPy": (".npy", load_matrix),

@@ -156,7 +156,7 @@ def test_a_report_has_metres_after_an_evaluation_and_seconds_before(drives, tmp_
         assert "distance along the route (m)" not in page
     assert "time of the query drive (s)" in (out / "report.html").read_text()
     (tmp_path / "track.csv").write_text("time_s,position_m\n-1,-10\n3,30\n")
-    tracks = f"{tmp_path}/track.csv {tmp_path}/track.csv --offset 0 0 --tolerance 5"
+    tracks = f"{tmp_path}/track.csv {tmp_path}/track.csv --offset 0 0 --tolerance 2"
     assert cli.main(f"evaluate {out} --ground-truth {tracks}".split()) == 0
     page = (out / "report.html").read_text()
     assert "distance along the route (m)" in page

@@ -1,4 +1,4 @@
-"""Odometry and jumps: their files, what a window has of them, and what they bring."""
+"""Odometry: its files, what a window has of them, and what it brings."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from edge_vpr.errors import EdgeVprWarning, GroundTruthError, MapError, UsageError
-from edge_vpr.evaluation.tables import load_jumps, load_odometry
+from edge_vpr.evaluation.tables import load_odometry
 from edge_vpr.evaluation.tracks import Track
 from edge_vpr.events import Sensor
 from edge_vpr.map_record import coded_map
@@ -25,7 +25,6 @@ from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.route import MOST_MM, Odometry, Route
 from edge_vpr.settings import Settings
 from edge_vpr.simulation.drive import wheel_odometry
-from firmware_model.errors import DesignError
 from firmware_model.specification_drive import anchored
 from tests.online.test_localiser import PIXEL_MAP, PIXELS, SENSOR
 from tests.streams import descriptors, random_events
@@ -95,21 +94,6 @@ def test_an_odometer_that_says_more_than_any_robot_drives_is_refused(tmp_path):
     path = write(tmp_path, "\n".join(["time_s,distance_m", *rows]) + "\n")
     with pytest.raises(GroundTruthError, match=r"says 6,330 m/s in the median: give metres, not"):
         load_odometry(path)
-
-
-@pytest.mark.parametrize(
-    ("text", "message"),
-    [
-        ("from,to\n0,6\n", "row 1 is 0,6: expected two places of the map, from 0 to 5"),
-        ("from,to\n0,1\n2,2\n", "row 2 is 2,2"),
-        ("from,to\n0.5,1\n", "row 1 is 0.5,1"),
-        ("a,b\n0,1\n", "expected from,to"),
-    ],
-)
-def test_a_table_that_is_no_list_of_jumps_is_refused(tmp_path, text, message):
-    assert load_jumps(write(tmp_path, "from,to\n0,5\n3,1\n"), 6).tolist() == [[0, 5], [3, 1]]
-    with pytest.raises(GroundTruthError, match=message):
-        load_jumps(write(tmp_path, text), 6)
 
 
 def test_the_way_of_a_window_lies_between_its_last_reading_and_that_of_the_window_before():
@@ -205,43 +189,25 @@ def test_a_robot_at_a_quarter_of_the_speed_of_the_map_moves_on_among_places_that
     assert (np.abs(matched.place - path) <= 1).mean() > 0.9
 
 
-def test_a_loop_that_closes_is_driven_on_over_a_jump():
-    rng = np.random.default_rng(1)
-    counts = rng.integers(0, 40, (30, len(PIXELS)))
-    path = [*range(20, 30), *range(6)]
-    queries = counts[path] + rng.integers(-9, 10, (len(path), len(PIXELS)))
-    settings = Settings(pixels=len(PIXELS), matching="filter", filter_restart=30)
-    places, seen = descriptors(counts), descriptors(np.maximum(queries, 0))
-    jumps = np.array([[29, 0]], dtype=np.int32)
-    joined = match_descriptors(places, seen, settings, jumps=jumps)
-    assert joined.place.tolist() == path
-    assert (joined.trust[10:13] > 0).all()  # the jump is a step, and keeps the trust
-    assert match_descriptors(places, seen, settings).place.tolist() != path
-
-
-def test_a_map_keeps_its_jumps_and_its_way(tmp_path):
+def test_a_map_keeps_its_way(tmp_path):
     reference = replace(
         map_of_places(np.ones((4, len(PIXELS)), dtype=np.int64)),
-        jumps=np.array([[3, 0]], dtype=np.int32), odometer_mm=np.arange(4) * 10,
-    )  # fmt: skip
+        odometer_mm=np.arange(4) * 10,
+    )
     reference.save(tmp_path / "map.npz")
     again = ReferenceMap.load(tmp_path / "map.npz")
-    assert again.jumps.tolist() == [[3, 0]] and again.along_mm.tolist() == [0, 10, 20, 30]
+    assert again.along_mm.tolist() == [0, 10, 20, 30]
 
 
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        ({"jumps": np.array([[0, 4]], dtype=np.int32)}, "jumps holds 0 to 4"),
-        ({"jumps": np.array([[1, 1]], dtype=np.int32)}, "from a place to itself"),
-        ({"jumps": np.zeros((1, 3), dtype=np.int32)}, "jumps is int32 of shape"),
-        ({"jumps": np.tile(np.array([[0, 1]], dtype=np.int32), (5_000, 1))}, "5000 pairs"),
         ({"odometer_mm": np.arange(4)[::-1].copy()}, "falls from place to place"),
         ({"odometer_mm": np.arange(3)}, "the distance driven is int64 of shape"),
         ({"odometer_mm": np.array([0, 1, 2, 1 << 60])}, "the distance driven holds 0 to"),
     ],
 )
-def test_jumps_and_ways_that_the_map_cannot_have_are_refused(changes, message):
+def test_ways_that_the_map_cannot_have_are_refused(changes, message):
     reference = map_of_places(np.ones((4, len(PIXELS)), dtype=np.int64))
     with pytest.raises(MapError, match=message):
         replace(reference, **changes)
@@ -262,19 +228,10 @@ def test_a_map_without_distances_refuses_odometry():
         Transitions(3, TransitionCosts()).by_distance(np.zeros(3, dtype=np.int32), 5)
     with pytest.raises(MapError, match=r"the distance driven is int64 of shape \(2,\)"):
         Transitions(3, TransitionCosts(), along_mm=np.arange(2))
-    with pytest.raises(MapError, match="jumps holds 0 to 3"):
-        Transitions(3, TransitionCosts(), jumps=np.array([[0, 3]], dtype=np.int32))
 
 
 #: codes of the robot's profile
 CONTRAST = {"counter_code": "log", "counter_scaling": "contrast"}
-
-
-def test_the_device_refuses_a_map_with_jumps():
-    reference = map_of_places(np.ones((4, len(PIXELS)), dtype=np.int64), exclusion=1, **CONTRAST)
-    design_of(reference)
-    with pytest.raises(DesignError, match="the map has 1 jumps, which the device has not"):
-        design_of(replace(reference, jumps=np.array([[3, 0]], dtype=np.int32)))
 
 
 def test_a_device_has_places_at_half_windows(tmp_path, capsys):
@@ -298,18 +255,12 @@ def test_a_simulated_wheel_is_a_few_percent_off():
     assert 0.005 < np.std(lengths) < 0.04 and abs(np.mean(lengths) - 1) < 0.02
 
 
-def test_sequences_take_neither_jumps_nor_odometry(tmp_path, capsys):
+def test_sequences_take_no_odometry():
     places = descriptors(np.ones((4, len(PIXELS)), dtype=np.int64))
     by_sequence = Settings(pixels=len(PIXELS), sequence_length=1)
     odometry = Odometry(np.array([1]), np.array([1]))
     with pytest.raises(UsageError, match="odometry is for the place filter"):
         match_descriptors(places, places, by_sequence, odometry=odometry)
-    write(tmp_path, "from,to\n0,1\n", "jumps.csv")
-    write(tmp_path, "t,x,y,p\n0,0,0,1\n9,1,1,1\n", "drive.csv")
-    given = ["map", str(tmp_path / "drive.csv"), "--sensor", "16x12", "--preset", "paper"]
-    jumps = ["--jumps", str(tmp_path / "jumps.csv"), "-o", str(tmp_path / "map.npz")]
-    assert main([*given, *jumps]) == 2
-    assert "add --matching filter" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("online", [(), ("--online", "--every", "window")])

@@ -66,24 +66,22 @@ EVENTS = [0, 1, 3, 9, 12, 17, 25, 60, 90, 200, 800, 9_000, 2**23, 2**40]
     steps=costs,
     exclusion=st.integers(0, 4),
     mean_activity=st.sampled_from([0, 256 * 100, 256 * 3000]),
-    jumps=st.integers(0, 3),
     spacing=st.sampled_from([0, 1, 7, 1_000, MOST_MM // 100]),
 )
 def test_metrics_matches_and_trust_equal_the_oracle(
-    seed, places, windows, largest, steps, exclusion, mean_activity, jumps, spacing
+    seed, places, windows, largest, steps, exclusion, mean_activity, spacing
 ):
     rng = np.random.default_rng(seed)
     distances = rng.integers(0, largest + 1, (windows, 3, places))
     events = rng.choice(EVENTS, windows)
-    pairs = random_jumps(rng, places, jumps)
     along, driven = random_distances(rng, places, windows, spacing)
     seen = rng.integers(-128, 128, places).astype(np.int32)
     typical = rng.integers(-largest, largest + 1, places)
-    transitions = Transitions(places, steps, seen, pairs, along, typical, exclusion)
+    transitions = Transitions(places, steps, seen, along, typical, exclusion)
     found = PlaceFilter(transitions, mean_activity)
     page = drive_map(
         steps, seen.tolist(), typical.tolist(), mean_activity, exclusion,
-        [] if along is None else along.tolist(), pairs.tolist(),
+        [] if along is None else along.tolist(),
     )  # fmt: skip
     distances = distances[:, : found.sums]
     # before the first window, there is no place to go on from
@@ -129,21 +127,19 @@ def test_after_a_spread_above_2_to_16_a_window_is_scaled_by_its_own():
     places=st.integers(1, 20),
     windows=st.integers(1, 8),
     steps=costs,
-    jumps=st.integers(0, 3),
     spacing=st.sampled_from([0, 7, 1_000]),
     smooth=st.booleans(),
     gaps=st.booleans(),
 )
 @settings(max_examples=60)
 def test_a_drive_has_the_cost_of_the_best_path_through_each_place(
-    seed, places, windows, steps, jumps, spacing, smooth, gaps
+    seed, places, windows, steps, spacing, smooth, gaps
 ):
     """Of the whole path where it is smoothed, else of the path until then."""
     rng = np.random.default_rng(seed)
     reference, queries = (rng.integers(0, 9, (n, 3)) for n in (places, windows))
     mapped = replace(descriptors(reference), selected=rng.choice(EVENTS, places))
     events = rng.choice(EVENTS, windows)
-    pairs = random_jumps(rng, places, jumps)
     along, travelled = random_distances(rng, places, windows, spacing)
     odometry, driven = None, [None] * windows
     if along is not None:
@@ -158,16 +154,14 @@ def test_a_drive_has_the_cost_of_the_best_path_through_each_place(
     counted = replace(
         descriptors(queries), selected=events, events=np.maximum(events, 1), unseen=unseen
     )
-    found = match_descriptors(
-        mapped, counted, chosen, jumps=pairs, along_mm=along, odometry=odometry
-    )
+    found = match_descriptors(mapped, counted, chosen, along_mm=along, odometry=odometry)
     number, selected = steps.places_per_window, mapped.selected_events.tolist()
     mean_activity = mean_activity_of(selected, number)
     typical = typical_distances(reference.tolist())
     one_gain = replace(steps, gains=1)  # of counts
     page = drive_map(
         one_gain, activities(selected, mean_activity), typical, mean_activity, number,
-        [] if along is None else along.tolist(), pairs.tolist(),
+        [] if along is None else along.tolist(),
     )  # fmt: skip
     rows = windows_of(
         page,
@@ -196,25 +190,23 @@ def test_a_drive_has_the_cost_of_the_best_path_through_each_place(
     places=st.integers(1, 20),
     windows=st.integers(1, 12),
     steps=costs,
-    jumps=st.integers(0, 3),
     spacing=st.sampled_from([0, 7, 1_000]),
 )
 @settings(max_examples=60)
 def test_the_cost_of_whole_paths_over_gains_equals_the_oracle(
-    seed, places, windows, steps, jumps, spacing
+    seed, places, windows, steps, spacing
 ):
     rng = np.random.default_rng(seed)
-    pairs = random_jumps(rng, places, jumps)
     along, driven = random_distances(rng, places, windows, spacing)
     seen, typical = rng.integers(-60, 60, places).astype(np.int32), rng.integers(-40, 40, places)
     events, driven = rng.choice(EVENTS, windows), [None, *driven[1:]]
     found = PlaceFilter(
-        Transitions(places, steps, seen, pairs, along, typical, 2), 256 * 100, PATIENCE_SMOOTHED
+        Transitions(places, steps, seen, along, typical, 2), 256 * 100, PATIENCE_SMOOTHED
     )
     distances = rng.integers(0, 60, (windows, 3, places))[:, : found.sums]
     page = drive_map(
         steps, seen.tolist(), typical.tolist(), 256 * 100, 2,
-        [] if along is None else along.tolist(), pairs.tolist(),
+        [] if along is None else along.tolist(),
     )  # fmt: skip
     rows = windows_of(page, distances.tolist(), events.tolist(), driven, patience=PATIENCE_SMOOTHED)
     counted_mm = anchored(driven, spacing_of(page.along)) if page.along else driven
@@ -286,11 +278,6 @@ def test_smoothing_a_drive_in_segments_gives_the_same_bits(values, monkeypatch):
     monkeypatch.setattr(filtered_drive, "BLOCK_DISTANCES", 60)
     monkeypatch.setattr(math, "isqrt", lambda n: 1)
     assert matched() == whole
-
-
-def random_jumps(rng, places, number):
-    pairs = rng.integers(0, places, (number, 2)).astype(np.int32)
-    return pairs[pairs[:, 0] != pairs[:, 1]]
 
 
 def random_distances(rng, places, windows, spacing):

@@ -156,12 +156,9 @@ def random_odometry(rng, until):
 
 
 def with_ways(rng, reference):
-    """A map with a distance to each place, and a jump where it has two places."""
-    places = len(reference)
-    pairs = np.array([[places - 1, 0]], dtype=np.int32)[: places - 1]
-    return replace(
-        reference, jumps=pairs, odometer_mm=np.cumsum(rng.integers(1, 999, places)).astype(np.int64)
-    )
+    """A map with a distance to each place."""
+    way = np.cumsum(rng.integers(1, 999, len(reference))).astype(np.int64)
+    return replace(reference, odometer_mm=way)
 
 
 @given(
@@ -170,9 +167,7 @@ def with_ways(rng, reference):
     pieces=st.integers(1, 5),
 )
 @settings(max_examples=EXAMPLES)
-def test_with_odometry_and_jumps_it_says_at_window_ends_what_the_batch_says(
-    seed, per_window, pieces
-):
+def test_with_odometry_it_says_at_window_ends_what_the_batch_says(seed, per_window, pieces):
     rng = np.random.default_rng(seed)
     reference = with_ways(rng, random_map(rng, 30, 9, tau_us=100, places_per_window=per_window))
     events = random_events(rng, 800, SENSOR, 2_000)
@@ -227,8 +222,6 @@ def test_a_reading_without_a_use_is_refused():
     by_sequence = replace(bare.settings.uncoded, matching="sequence", sequence_length=1)
     with pytest.raises(UsageError, match="odometry is for the place filter"):
         Localiser(replace(bare, settings=by_sequence)).read_odometer(0, 1.0)
-    with pytest.raises(UsageError, match="a map with jumps is for the place filter"):
-        Localiser(replace(moving, settings=by_sequence))
 
 
 @pytest.mark.parametrize("per_window", [1, 2])

@@ -57,7 +57,7 @@ RUNS = [
      "--clip none --places-per-window 1 --overwrite", 0),
     (f"map {{f}}/reference.npz -o {{f}}/filter_map.npz {FILTER} --pixels 5 --tau 100ms --sigma 1 "
      "--track {f}/track.csv --track-offset 0.1 --longest-gap 9 --odometry {f}/odometry.csv "
-     "--jumps {f}/jumps.csv --places-per-window 2", 0),
+     "--places-per-window 2", 0),
     ("map {f}/map.npz {f}/reference.npz -o {f}/two.npz --same-route --json", 0),
     (f"map {{f}}/frames.npz -o {{f}}/frames_map.npz {SMALL} --frame-period 1/10 "
      "--frames-as-windows", 0),
@@ -213,7 +213,6 @@ def folder(tmp_path_factory):
     (folder / "hot.txt").write_text("1, 1\n")
     (folder / "truth.csv").write_text("query_s,reference_s\n0,0\n1000,1000\n")
     (folder / "odometry.csv").write_text("time_s,speed_mps\n-1,5\n3,9\n")
-    (folder / "jumps.csv").write_text("from,to\n3,0\n")
     (folder / "track.csv").write_text("time_s,position_m\n-1,-10\n3,30\n")
     (folder / "frames.csv").write_text("query_frame,reference_frame\n0,0\n1000,1000\n")
     np.save(folder / "truth.npy", np.eye(19, 19, dtype=np.uint8))

@@ -106,12 +106,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="odometry of this drive (CSV with time_s and distance_m or speed_mps); with it, match "
         "--odometry needs no track",
     )
-    track.add_argument(
-        "--jumps",
-        metavar="FILE",
-        help="pairs of places (CSV with from,to) that are one step apart, for example where a loop "
-        "closes",
-    )
     parser.add_argument(
         "--pixel-map",
         metavar="FILE",
@@ -143,7 +137,7 @@ def run(args: argparse.Namespace) -> None:
     # a map is read whole before it is written
     learns = archive_kind(args.recording) == KIND
     tracks = args.track or []
-    files = (args.odometry, args.jumps, args.pixel_map, args.config, _hot_pixel_file(args))
+    files = (args.odometry, args.pixel_map, args.config, _hot_pixel_file(args))
     named = (*args.more, *tracks, *files)
     inputs = [file for file in (args.recording, *named) if file is not None]
     check_new_map(output, inputs[learns:], args.overwrite)
@@ -250,7 +244,7 @@ def _mapped(
     start = time.perf_counter()
     reference = ReferenceMap.build(
         tracked(recording, "mapping"), settings, pixel_map=args.pixel_map,
-        hot=_hot_pixel_file(args), track=track, odometry=args.odometry, jumps=args.jumps,
+        hot=_hot_pixel_file(args), track=track, odometry=args.odometry,
         removed=removed,
     )  # fmt: skip
     seconds = time.perf_counter() - start
@@ -340,7 +334,7 @@ def _hot_pixel_file(args: argparse.Namespace) -> str | None:
 def _check_flags_of_a_map(args: argparse.Namespace) -> None:
     """Raise UsageError where a map learns, and a flag is given that only making one takes."""
     given = given_map_flags(args) + list(match_flags(args))
-    files = {"odometry": args.odometry, "jumps": args.jumps, "pixel-map": args.pixel_map}
+    files = {"odometry": args.odometry, "pixel-map": args.pixel_map}
     given += [f"--{name}" for name, file in files.items() if file is not None]
     if given:
         raise UsageError(

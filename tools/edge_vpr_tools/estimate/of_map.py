@@ -38,11 +38,6 @@ def design_of(reference: ReferenceMap, lanes: int = 8, *, gains: int | None = No
     if reference.settings.profile is None:
         raise DesignError(reference.settings.beyond_profile)
     settings = reference.settings
-    if reference.jumps is not None and len(reference.jumps):
-        raise DesignError(
-            f"the map has {len(reference.jumps)} jumps, which the device has not: make the map "
-            "without --jumps"
-        )
     code, bits = _code_of(reference)
     if gains is not None and settings.matching == "filter":
         settings = settings.replaced({"gains": gains}, "a design")
