@@ -2,7 +2,7 @@
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
-# tells a stale environment from a current one without asking pip
+# detects an outdated environment without running pip
 STAMP = $(VENV)/.installed-$(1)
 
 SHELL := /bin/bash

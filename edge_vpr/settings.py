@@ -42,9 +42,9 @@ Strategy = Literal["variance", "seed-code", "random", "random-upper", "top", "in
 STRATEGIES: tuple[str, ...] = get_args(Strategy)
 #: before the name of a strategy that another package registers; see docs/recipes.md
 PLUGIN = "plugin:"
-#: Text that names a part, where a type checker would refuse it as misspelt: the part is of another
-#: package (``PartName("plugin:grid")``), or has options (``PartName("edvs:format=E3")``). Python
-#: itself takes the text alone.
+#: A name that type checkers cannot know: of a part of another package
+#: (``PartName("plugin:grid")``), or with options (``PartName("edvs:format=E3")``). Python itself
+#: takes the text alone.
 PartName = NewType("PartName", str)
 WindowKind = Literal["time", "count"]
 CounterCodeName = Literal["none", "linear", "sqrt", "log"]

@@ -15,7 +15,7 @@ class LiveMatch(NamedTuple):
 
     A heartbeat says that no match came for the time that `heartbeat` names. Its `place` is -1, its
     `probability` 0, its `missing` 1, it has no position, and it is `lost`: a program that checks
-    any of them slows down without a branch of its own.
+    any one of these slows down without a special case.
 
     Attributes
     ----------

@@ -12,8 +12,7 @@ from typing import NamedTuple
 
 from edge_vpr.live.links import AbsentLink, Link, LinkAbsent, LinkClosed, LinkError
 
-# A caller that is in time reads the link itself, so that no thread has to be woken between bytes
-# and their match. A thread of the reader checks every `_HELP_S` whether the caller is late, and
+# While the caller keeps up it reads the link itself, which saves a thread switch per match. A thread of the reader checks every `_HELP_S` whether the caller is late, and
 # then reads in its place until the caller is back. Until then the system buffers the bytes: 64 KiB
 # for a serial line, which are 54 ms at 12 Mbaud.
 

@@ -66,7 +66,7 @@ class Message(NamedTuple):
     Attributes
     ----------
     kind : str
-        ``link`` (disconnected or opened), ``state`` (gone on from or not), ``stalled`` (silence),
+        ``link`` (disconnected or opened), ``state`` (whether it was resumed), ``stalled`` (silence),
         ``lag`` (the host is too slow), ``misfit`` (another place or light), ``device`` and
         ``sender`` (remarks on the camera and on a second one), ``senseless`` (bytes that do not
         decode), ``odometer``, ``compiling``, ``file`` (given up), or ``drive`` (kept).
@@ -159,7 +159,7 @@ class LiveSession:
     record : path or sequence of paths
         Files of the bytes (``.bin``) or of the events (``.npz``, ``.raw``, ...).
     learn : path, optional
-        Write a map here when the session is closed: `reference`, which has learnt this drive (see
+        On close, write `reference`, updated with this drive, to this file (see
         `ReferenceMap.update`). Without `reference`, or with other settings of windows, pixels or
         codes than it has, it is a new map of this drive. All the while, the drive is matched with
         `reference` as it was.

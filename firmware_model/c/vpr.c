@@ -393,7 +393,8 @@ vpr_status_t vpr_events(const vpr_design_t *d, vpr_state_t *s, const vpr_event_t
         const bool ended = (int32_t)(window_end - (e->t * time_scale)) <= 0;
         const uint32_t pixel = e->pixel;
         const uint32_t y = (pixel >> ROW_SHIFT) & ROW_MASK;
-        /* asked first and of both, so that a compiler loads both words of an event at once */
+        /* compares the pixel first, whether or not the window has ended: the compiler then loads
+         * both words of an event together */
         if ((y >= height) && !ended) {
             e = &e[1];
             continue;
