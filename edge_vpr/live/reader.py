@@ -12,9 +12,10 @@ from typing import NamedTuple
 
 from edge_vpr.live.links import AbsentLink, Link, LinkAbsent, LinkClosed, LinkError
 
-# While the caller keeps up it reads the link itself, which saves a thread switch per match. A thread of the reader checks every `_HELP_S` whether the caller is late, and
-# then reads in its place until the caller is back. Until then the system buffers the bytes: 64 KiB
-# for a serial line, which are 54 ms at 12 Mbaud.
+# While the caller keeps up it reads the link itself, which saves a thread switch per match. A
+# thread of the reader checks every `_HELP_S` whether the caller is late, and then reads in its
+# place until the caller is back. Until then the system buffers the bytes: 64 KiB for a serial line,
+# which are 54 ms at 12 Mbaud.
 
 
 #: Size of the buffer: 0.9 s of a line of 12 Mbaud.

@@ -139,7 +139,7 @@ class TimestampFilter:
         """Note when the next bytes came, by the host's clock.
 
         A restart among them lasted no longer than the time since this clock has last advanced.
-        Device times up to the host's are accepted. Times protected by a checksum need no such limit.
+        Device times up to the host's are accepted. Times protected by a checksum need no limit.
         """
         state = self._state[0]
         if self._host_us is None or state["now"] != self._then:
