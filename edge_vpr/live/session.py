@@ -67,8 +67,8 @@ class Message(NamedTuple):
     ----------
     kind : str
         ``link`` (disconnected or opened), ``state`` (whether it was resumed), ``stalled``
-        (silence), ``lag`` (the host is too slow), ``misfit`` (another place or light), ``device`` and
-        ``sender`` (remarks on the camera and on a second one), ``senseless`` (bytes that do not
+        (silence), ``lag`` (the host is too slow), ``misfit`` (another place or light), ``device``
+        and ``sender`` (remarks on the camera and on a second one), ``senseless`` (bytes that do not
         decode), ``odometer``, ``compiling``, ``file`` (given up), or ``drive`` (kept).
     text : str
         One sentence, which may quote a device or the system: pass it through `errors.printable`
