@@ -78,6 +78,9 @@ def between(events, begin_s, end_s):
 @pytest.mark.parametrize(("host", "device"), TYPICAL)
 def test_a_session_goes_on_where_the_one_before_was(host, device, clock, street, tmp_path):
     path, events, track = street
+    if clock == "restarts" and host == "edvs":
+        # one of 24 bits wraps after 17 s: a restart is then no other than a silence
+        host = device = "edvs:format=E4"
     before, said = played(between(events, 0, 20), tmp_path / "run.state", path, host, device)
     assert said == []
     late = between(events, 20, 24)

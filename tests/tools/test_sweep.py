@@ -295,6 +295,8 @@ def test_a_table_on_a_terminal_is_no_markdown(plan_file, tmp_path):
 def test_workers_end_with_the_process_that_started_them(tmp_path, number):
     """They stayed for ever, busy or not."""
     code = (
+        # under nohup, a process ignores it
+        "import signal; signal.signal(signal.SIGHUP, signal.SIG_DFL)\n"
         "from tests.tools import sweep_jobs\n"
         "from edge_vpr_tools.workers import processes\n"
         "with processes(2) as workers:\n"
