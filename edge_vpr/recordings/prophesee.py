@@ -334,7 +334,7 @@ def decode_evt3(words, state, t, x, y, p):  # type: ignore[no-untyped-def]
             turned = (kind == 8) & (value != highs)
             if turned:
                 break
-            if kind - np.uint64(3) < np.uint64(3):  # vectors
+            if np.uint64(3) <= kind < np.uint64(6):  # vectors
                 if kind == 3:  # the first column
                     column = np.int64(value & np.uint64(2047))
                     polarity = np.int64(value & np.uint64(2048))
