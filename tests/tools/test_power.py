@@ -257,6 +257,11 @@ def test_energy_is_the_integral_whatever_is_repeated():
         trace.energy(-1.0, 2.0)
 
 
+def test_a_counter_has_the_power_between_its_readings_and_none_after_the_last():
+    trace = Trace.of_energy(np.arange(5.0), np.array([10.0, 12.0, 14.0, 17.0, 20.0]))
+    assert trace.readings(0.0, 4.0) == (4, 2.0, 3.0, 2, 1.0)
+
+
 METER = About("synthetic", "power", "whole board", 0.1)
 JOULES = 0.005
 
@@ -550,6 +555,9 @@ EXPORTS = {
         "time_s,current_min_a,current_avg_a,current_max_a,voltage_v\n0,.3,.5,.7,5\n.5,.8,1,2,5\n",
         Stated(current="current_avg_a"),
     ),
+    "a mark in one column of two": (
+        "time_s,current_a,voltage_v\n0,.5,5\n.1,9.9e37,0\n.2,9.9e37,.5\n.5,1,5\n", Stated()
+    ),
     "a reading beyond the range": (
         "time_s,power_w\n0,2.5\n0.2,9.99999999e+37\n0.3,-9.9e37\n0.5,5\n", Stated()
     ),
@@ -564,7 +572,8 @@ def test_what_meters_export_is_read_with_its_units(name, tmp_path):
     trace = read_meter(path, stated)
     assert trace.watts == pytest.approx([2.5, 5.0])
     assert np.diff(trace.time_s) == pytest.approx([0.5])
-    assert trace.no_reading == 2 * (name == "a reading beyond the range")
+    marked = ("a reading beyond the range", "a mark in one column of two")
+    assert trace.no_reading == 2 * (name in marked)
 
 
 @pytest.mark.parametrize("cell", ["1e308", "-1e308", "1e200", "nan", "inf"])

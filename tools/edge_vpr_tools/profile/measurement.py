@@ -64,16 +64,14 @@ class Trace:
 
     def readings(self, start_s: float, end_s: float) -> Readings:
         """Return facts of the readings between two times; of a counter, of the power between."""
-        watts = self.watts
+        time_s, watts = self.time_s, self.watts
         if watts is None:
-            watts = np.diff(self.energy_j, append=self.energy_j[-1]) / np.diff(
-                self.time_s, append=np.inf
-            )
-        inside = (start_s <= self.time_s) & (self.time_s <= end_s)
+            time_s, watts = time_s[:-1], np.diff(self.energy_j) / np.diff(time_s)
+        inside = (start_s <= time_s) & (time_s <= end_s)
         most = float(watts[inside].max())
         return Readings(
             int(np.count_nonzero(inside)), float(watts[inside].min()), most,
-            int(np.count_nonzero(watts[inside] == most)), float(np.diff(self.time_s[inside]).max()),
+            int(np.count_nonzero(watts[inside] == most)), float(np.diff(time_s[inside]).max()),
         )  # fmt: skip
 
     def power(self, start_s: float, end_s: float) -> float:

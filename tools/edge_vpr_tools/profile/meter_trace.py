@@ -10,6 +10,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from datetime import UTC, datetime
 from io import TextIOWrapper
 from itertools import islice
+from operator import mul
 from pathlib import Path
 from typing import NamedTuple
 
@@ -255,9 +256,8 @@ def _samples(
     chosen: Mapping[str, Column], volts: float | None,
 ) -> Iterator[tuple[float, float, float]]:  # fmt: skip
     """Yield times, watts, and whether a time has a zone."""
-    at = {
-        quantity: [one.name for one in columns].index(one.name) for quantity, one in chosen.items()
-    }
+    names = [one.name for one in columns]
+    at = {quantity: names.index(one.name) for quantity, one in chosen.items()}
     factors = {
         at[quantity]: _UNITS[quantity][one.unit] for quantity, one in chosen.items()
         if quantity != "time"
@@ -266,17 +266,14 @@ def _samples(
     for number, row in enumerate(rows, 1):
         try:
             when, zoned = _time_s(row[at["time"]], unit)
-            watts = 1.0 if volts is None else volts
-            for column, factor in factors.items():
-                value = float(row[column])
-                watts = value if abs(value) >= _NO_READING else watts * value * factor
+            values = [float(row[column]) for column in factors]
         except (ValueError, IndexError):
             raise UsageError(
                 f"cannot read a power trace from {path}, sample {number}, {','.join(row)[:80]!r}: "
                 f"expected a number in each column, and a time in {unit}; delete a row that is no "
                 "sample"
             ) from None
-        if not (abs(when) < _TOO_LARGE and abs(watts) < _TOO_LARGE):
+        if not all(abs(value) < _TOO_LARGE for value in (when, *values)):
             raise UsageError(
                 f"{path}, sample {number}: a cell is no number, or too large: delete such rows"
             )
@@ -286,7 +283,10 @@ def _samples(
                 "export a time for each sample, in fractions of a second"
             )
         last = when
-        yield when, watts, float(zoned)
+        watts = math.prod(map(mul, values, factors.values()), start=volts or 1.0)
+        # a mark in one of two columns is no reading of power either
+        marked = any(abs(value) >= _NO_READING for value in values)
+        yield when, _NO_READING if marked else watts, float(zoned)
 
 
 def _time_s(cell: str, unit: str) -> tuple[float, bool]:
@@ -332,5 +332,5 @@ def ahead_s(trace: MeterTrace, windows: Sequence[Window], began_unix_s: float | 
         return began_unix_s - windows[0].start_s
     raise UsageError(
         "the meter's times have no time zone: state the one at which its power first rises to that "
-        f"of the load, such as --first-load {trace.time_s[0]:g}"
+        "of the load, as the file writes it, by --first-load TIME"
     )
