@@ -34,7 +34,7 @@ from edge_vpr.confidence import DEFAULT_TABLES, LIVE, LIVE_ON_MAP, SMOOTHED, TAB
 from edge_vpr.evaluation.calibration import reliability
 from edge_vpr.settings import PRESETS
 from edge_vpr.simulation import simulate_pair
-from tests.lab.in_process import rows_of
+from tests.lab.in_process import rows_of, walks_in
 
 FEW = {"pixels": 10, "sigma": 1.0}
 STREET = partial(simulate_pair, sensor="tiny", length_m=80.0)
@@ -108,17 +108,7 @@ def test_the_null_baselines_of_the_default_follow_it_on_simulated_streets(
 
 @pytest.fixture(scope="module")
 def walks(tmp_path_factory):
-    """Two walks along the same 30 places of a small sensor, a second at each, a little noisy."""
-    data = tmp_path_factory.mktemp("walks")
-    folder = data / "speck_walks"
-    folder.mkdir()
-    rng = np.random.default_rng(3)
-    places = rng.gamma(0.5, 0.6, (30, 16, 16)).repeat(30, axis=0)
-    for name in ("reference", "query"):
-        frames = np.minimum(rng.poisson(places), 255).astype(np.uint8)
-        np.savez(folder / f"{name}.npz", frames=frames)
-    (folder / "ground_truth.csv").write_text("query_frame,reference_frame\n0,0\n900,900\n")
-    return data
+    return walks_in(tmp_path_factory.mktemp("walks"), 16)
 
 
 def test_variants_that_draw_nothing_are_run_once(walks, monkeypatch):

@@ -10,7 +10,6 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from functools import partial
 
-import numpy as np
 import pytest
 from lab.__main__ import main
 from lab.experiments import EXPERIMENTS, fixed_number, rivals
@@ -18,6 +17,7 @@ from lab.loop import Drives, Experiment, open_experiment, run_trial, trials_of
 from lab.plots import dots
 
 from edge_vpr.simulation import simulate_pair
+from tests.lab.in_process import walks_in
 
 
 @pytest.fixture(autouse=True)
@@ -53,16 +53,7 @@ def test_an_experiment_says_where_its_data_come_from(name, capsys, tmp_path):
 
 @pytest.fixture(scope="module")
 def walks(tmp_path_factory):
-    data = tmp_path_factory.mktemp("data")
-    folder = data / "speck_walks"
-    folder.mkdir()
-    rng = np.random.default_rng(3)
-    places = rng.gamma(0.5, 0.6, (30, 128, 128)).repeat(30, axis=0)
-    for name in ("reference", "query"):
-        frames = np.minimum(rng.poisson(places), 255).astype(np.uint8)
-        np.savez(folder / f"{name}.npz", frames=frames)
-    (folder / "ground_truth.csv").write_text("query_frame,reference_frame\n0,0\n900,900\n")
-    return data
+    return walks_in(tmp_path_factory.mktemp("data"), 128)
 
 
 #: sequences of 20 windows, sequences of 5 at four times the speed, drives that are aligned, and
