@@ -4,8 +4,8 @@ It is the min-plus form of a discrete Bayes filter. A window has more events if 
 faster, and also if light, lens or thresholds of the camera give more of them. The filter therefore
 follows seven hypotheses of this gain side by side. Each place has a metric for each of them: the
 cost of the cheapest path that ends there in the current window with this gain. `match_window` is
-one step: does the robot stand, predict, evidence, best, trust. `smoothing` adds the costs of a
-backward pass from later windows.
+the algorithm: see, predict, evidence, best, trust, by the names of the specification, of `filter.h`
+and of the core's units. `smoothing` adds the costs of a backward pass from later windows.
 
 With one gain, the number of events is compared with its running mean instead of the reference's.
 """
@@ -127,7 +127,7 @@ class FilterState(NamedTuple):
 
 
 class WindowRows(NamedTuple):
-    """Results of n windows, written by `update_windows`.
+    """Results of n windows, written by `match_windows`.
 
     Attributes
     ----------
@@ -186,7 +186,7 @@ class WindowRows(NamedTuple):
             mine[:] = getattr(others, name)
 
 
-# One window.
+# The algorithm: five steps a window, which the specification and the device name alike.
 
 
 @kernel(inner=True)
@@ -195,7 +195,7 @@ def match_window(
     table: FilterTable,
     distances: npt.NDArray[np.integer],
     events: int,
-    out: WindowRows,
+    rows: WindowRows,
     i: int,
 ) -> None:
     """Match a window, finished or not; `end_window` then advances the filter.
@@ -210,36 +210,20 @@ def match_window(
         changes nothing.
     events : int
         Counted events of the window, see `codes.counted_events`.
-    out : WindowRows
+    rows : WindowRows
         The result is written to row `i`.
     """
-    before, now = state.numbers[0], state.numbers[1]
-    state.numbers[1] = before
-    activity = window_activity(events, before)
-    pause, weight, few = is_pause(events, before.mean_activity), 1 << WEIGHT_BITS, False
-    if before.place >= 0:
-        surplus = activity - table.activity[before.place] - min(table.gains[before.gain], 0)
-        weight, few = weight_of(surplus), surplus < -FEW
-    few = few or pause
-    now.few = min(before.few + 1, before.patience + 1) if few else 0
-    out.activity[i] = STANDS if now.few > before.patience else activity
-    if not few:
-        now.speed = speed_after(before.speed, before.moved, activity)
-        now.moved = min(before.moved + 1, (1 << SPEED_SHIFT) - 1)
-
-    by_distance = before.weight_by_distance != BY_STEPS
-    if not by_distance and before.place >= 0 and before.predicted_for != out.activity[i]:
-        predict(state.metric, table, out.activity[i], state.prediction)
-        before.predicted_for = out.activity[i]
-    write_evidence(state, table, distances, (pause, by_distance, weight), out, i)
-    add_evidence(state.prediction, out.evidence[i], out.sums[i], table.gains.size, out.metrics[i])
-    write_least(out.metrics[i], table.gains.size, out.least[i])
-    best, margin = write_best(out.least[i], table, out.columns[i])
-    out.best[i, 0], out.best[i, 1] = best, least_gain(out.metrics[i, best], table.gains.size)
-    write_trust(state, table, by_distance, margin, out, i)
-
-    now.mean_activity = mean_activity_after(before.mean_activity, events)
-    now.predicted_for, now.weight_by_distance = NOT_PREDICTED, BY_STEPS
+    hypotheses, before = table.gains.size, state.numbers[0]
+    seen = see(state.numbers, table, events)
+    rows.activity[i] = seen.activity
+    if seen.by_steps and before.predicted_for != seen.activity:
+        predict(state.metric, table, seen.activity, state.prediction)
+        before.predicted_for = seen.activity
+    evidence(state, table, distances, seen, rows, i)
+    add(state.prediction, rows.evidence[i], rows.sums[i], hypotheses, rows.metrics[i])
+    nearest = best(rows.metrics[i], table, rows.least[i], rows.columns[i])
+    rows.best[i, 0], rows.best[i, 1] = nearest.place, nearest.gain
+    trust(state, table, nearest, rows, i)
 
 
 @kernel(inner=True)
@@ -253,158 +237,15 @@ def end_window(state: FilterState, metrics: Narrow) -> None:
             state.metric[k, h] = metrics[k, h]
 
 
-@kernel(inline="always")
-def window_activity(events: int, now: Any) -> int:
-    """Return the activity of a window: against the reference's mean, or with one gain its own."""
-    if now.mean_log < 0:
-        return activity_of(events, now.mean_activity)
-    if events == 0:
-        return -LOG_TOP
-    return log_activity(min(events, EVENTS_TOP)) - now.mean_log
-
-
-@kernel(inner=True)
-def write_evidence(
-    state: FilterState,
-    table: FilterTable,
-    distances: npt.NDArray[np.integer],
-    seen: tuple[bool, bool, int],
-    out: WindowRows,
-    i: int,
-) -> None:
-    """Write the evidence of each sum that a hypothesis looks at.
-
-    Parameters
-    ----------
-    seen : tuple
-        Whether the window is a pause, whether its driven distance is known, and the weight of its
-        evidence.
-    """
-    (pause, by_distance, weight), speed = seen, state.numbers[1].speed
-    out.share[i] = 1 << WEIGHT_BITS
-    if by_distance:
-        whole = weight
-        weight = min(whole, state.numbers[0].weight_by_distance)
-        out.share[i] = (weight << WEIGHT_BITS) // max(whole, 1)
-    for h in range(LANES):
-        out.sums[i, h] = 0
-    if len(distances) > 1 and not by_distance:
-        for h in range(table.gains.size):
-            out.sums[i, h] = sum_of(speed, table.gains[h])
-    for s in range(len(distances)):
-        used = False
-        for h in range(table.gains.size):
-            used = used or out.sums[i, h] == s
-        out.factor[i, s] = 0
-        state.reciprocal[1, s] = state.reciprocal[0, s] if pause else 0
-        if used and not pause:
-            scale, own = evidence_of_sum(
-                distances[s], table.bias, state.reciprocal[0, s], weight, out.evidence[i, s]
-            )
-            out.factor[i, s], state.reciprocal[1, s] = scale * weight, own
-        else:
-            for k in range(out.evidence.shape[2]):
-                out.evidence[i, s, k] = 0
-
-
-@kernel(inner=True)
-def add_evidence(
-    prediction: Narrow,
-    evidence: npt.NDArray[np.uint8],
-    sums: npt.NDArray[np.int64],
-    hypotheses: int,
-    out: Narrow,
-) -> None:
-    """Write the metrics: the prediction and the evidence of the hypothesis' sum, at most 127."""
-    for k in range(len(out)):
-        for h in range(hypotheses):
-            against = np.int16(prediction[k, h] + evidence[sums[h], k])
-            out[k, h] = min(against, np.int16(METRIC_TOP))
-        for h in range(hypotheses, LANES):
-            out[k, h] = METRIC_TOP
-
-
-@kernel(inner=True)
-def write_least(metric: Narrow, hypotheses: int, out: Metrics) -> None:
-    """Write the least metric of each place."""
-    for k in range(len(metric)):
-        least = metric[k, 0]
-        for h in range(1, hypotheses):
-            least = min(least, metric[k, h])
-        out[k] = least
-
-
-@kernel(inline="always")
-def least_gain(metric: Narrow, hypotheses: int) -> int:
-    """Return the first hypothesis of the least metric of a place."""
-    best = 0
-    for h in range(1, hypotheses):
-        if metric[h] < metric[best]:
-            best = h
-    return best
-
-
-@kernel(inner=True)
-def write_best(least: Metrics, table: FilterTable, out: npt.NDArray[np.int64]) -> tuple[int, int]:
-    """Write a match without its trust and misfit, and return its best place and its margin.
-
-    Parameters
-    ----------
-    least : ndarray of int32, shape (K,)
-        Cost of each place.
-    out : ndarray of int64, shape (7,)
-        Fields of `FilterMatch`.
-    """
-    best, second, ties = least_and_second(least, table.exclusion)
-    first, last, most = best, best, least[best] + NEAR
-    while first > max(best - table.reach, 0) and least[first - 1] <= most:
-        first -= 1
-    while last < min(best + table.reach, least.size - 1) and least[last + 1] <= most:
-        last += 1
-    out[PLACE], out[METRIC], out[TIES] = (first + last + 1) >> 1, least[best], ties
-    out[SECOND], out[SECOND_METRIC] = second, -1
-    if second >= 0:
-        out[SECOND_METRIC] = least[second]
-    return best, margin_of(least, best, second)
-
-
-@kernel(inner=True)
-def write_trust(
-    state: FilterState, table: FilterTable, by_distance: bool, margin: int, out: WindowRows, i: int
-) -> None:
-    """Write the trust in a match and its misfit, and the state after it."""
-    before, now, row = state.numbers[0], state.numbers[1], out.columns[i]
-    best, gain = out.best[i, 0], out.best[i, 1]
-    if by_distance:
-        follows = state.follows[best]
-    else:
-        follows = before.place >= 0 and 0 <= best - before.place < len(table.costs)
-    evidence = out.evidence[i, out.sums[i, gain]]
-    kept, residual = before.support if follows else 0, residual_of(evidence[best])
-    now.support = support_after(kept, best == before.place, margin)
-    now.age = min(before.age + 1, WHOLE_AGE) if follows else 0
-    worst = max(residual, before.residual, before.residual_before)
-    row[TRUST] = trust_of(now.support, worst, now.age)
-    factor = out.factor[i, out.sums[i, gain]]
-    of_window = window_misfit(evidence, best, table.typical, factor, out.share[i])
-    now.running_misfit = update_misfit(before.running_misfit, of_window, factor)
-    row[MISFIT] = reported_misfit(now.running_misfit)
-    now.place, now.gain = best, gain
-    now.residual, now.residual_before = residual, before.residual
-
-
-# The windows of a drive.
-
-
 @kernel
-def update_windows(
+def match_windows(
     state: FilterState,
     table: FilterTable,
     distances: npt.NDArray[np.integer],
     events: npt.NDArray[np.int64],
-    out: WindowRows,
+    rows: WindowRows,
 ) -> None:
-    """Advance the filter by n finished windows, one after the other.
+    """Match n finished windows, one after the other.
 
     Parameters
     ----------
@@ -414,12 +255,184 @@ def update_windows(
         From the sums of the newest windows to each place.
     events : ndarray of int64, shape (n,)
         Counted events of each window.
-    out : WindowRows
+    rows : WindowRows
         Results of the n windows.
     """
     for i in range(len(distances)):
-        match_window(state, table, distances[i], events[i], out, i)
-        end_window(state, out.metrics[i])
+        match_window(state, table, distances[i], events[i], rows, i)
+        end_window(state, rows.metrics[i])
+
+
+# 1. See: what the number of events says. The prediction, step 2, has a module of its own.
+
+
+class Seen(NamedTuple):
+    """What the number of events of a window says."""
+
+    paused: bool  #: Whether the window has too few events for any evidence.
+    weight: int  #: Of the evidence, in units of 1/8.
+    activity: int  #: Of the window, or `STANDS`.
+    by_steps: bool  #: Whether places are predicted by steps: not at first, nor with odometry.
+
+
+@kernel(inner=True)
+def see(numbers: Any, table: FilterTable, events: int) -> Seen:
+    """Return what the number of events says; begin row 1 of the numbers with it.
+
+    Parameters
+    ----------
+    numbers : ndarray of NUMBERS, shape (2,)
+        See `FilterState`.
+    events : int
+        Counted events of the window.
+    """
+    before, now = numbers[0], numbers[1]
+    numbers[1] = before
+    if before.mean_log < 0:
+        activity = activity_of(events, before.mean_activity)
+    elif events == 0:
+        activity = np.int64(-LOG_TOP)
+    else:
+        activity = log_activity(min(events, EVENTS_TOP)) - before.mean_log
+    paused, weight, few = is_pause(events, before.mean_activity), 1 << WEIGHT_BITS, False
+    if before.place >= 0:
+        surplus = activity - table.activity[before.place] - min(table.gains[before.gain], 0)
+        weight, few = weight_of(surplus), surplus < -FEW
+    few = few or paused
+    now.few = min(before.few + 1, before.patience + 1) if few else 0
+    if not few:
+        now.speed = speed_after(before.speed, before.moved, activity)
+        now.moved = min(before.moved + 1, (1 << SPEED_SHIFT) - 1)
+    now.mean_activity = mean_activity_after(before.mean_activity, events)
+    now.predicted_for, now.weight_by_distance = NOT_PREDICTED, BY_STEPS
+    by_steps = before.place >= 0 and before.weight_by_distance == BY_STEPS
+    return Seen(paused, weight, STANDS if now.few > before.patience else activity, by_steps)
+
+
+# 3. Evidence of each sum of windows, and its addition to the prediction.
+
+
+@kernel(inner=True)
+def evidence(
+    state: FilterState,
+    table: FilterTable,
+    distances: npt.NDArray[np.integer],
+    seen: Seen,
+    rows: WindowRows,
+    i: int,
+) -> None:
+    """Write the evidence of each sum that a hypothesis looks at."""
+    weight, most = seen.weight, state.numbers[0].weight_by_distance
+    rows.share[i] = 1 << WEIGHT_BITS
+    if most != BY_STEPS:
+        weight = min(seen.weight, most)
+        rows.share[i] = (weight << WEIGHT_BITS) // max(seen.weight, 1)
+    for h in range(LANES):
+        rows.sums[i, h] = 0
+    if len(distances) > 1 and most == BY_STEPS:
+        for h in range(table.gains.size):
+            rows.sums[i, h] = sum_of(state.numbers[1].speed, table.gains[h])
+    for s in range(len(distances)):
+        used = False
+        for h in range(table.gains.size):
+            used = used or rows.sums[i, h] == s
+        rows.factor[i, s] = 0
+        state.reciprocal[1, s] = state.reciprocal[0, s] if seen.paused else 0
+        if used and not seen.paused:
+            scale, own = evidence_of_sum(
+                distances[s], table.bias, state.reciprocal[0, s], weight, rows.evidence[i, s]
+            )
+            rows.factor[i, s], state.reciprocal[1, s] = scale * weight, own
+        else:
+            for k in range(rows.evidence.shape[2]):
+                rows.evidence[i, s, k] = 0
+
+
+@kernel(inner=True)
+def add(
+    prediction: Narrow,
+    of_sums: npt.NDArray[np.uint8],
+    sums: npt.NDArray[np.int64],
+    hypotheses: int,
+    out: Narrow,
+) -> None:
+    """Write the metrics: the prediction and the evidence of the hypothesis' sum, at most 127."""
+    for k in range(len(out)):
+        for h in range(hypotheses):
+            against = np.int16(prediction[k, h] + of_sums[sums[h], k])
+            out[k, h] = min(against, np.int16(METRIC_TOP))
+        for h in range(hypotheses, LANES):
+            out[k, h] = METRIC_TOP
+
+
+# 4. Best: the place and gain of the least metric, and the middle of the places near it.
+
+
+class Best(NamedTuple):
+    """Place and hypothesis of the least metric, and how much the second-best place has above it."""
+
+    place: int
+    gain: int
+    margin: int
+
+
+@kernel(inner=True)
+def best(metric: Narrow, table: FilterTable, least: Metrics, row: npt.NDArray[np.int64]) -> Best:
+    """Write a match without its trust and misfit.
+
+    Parameters
+    ----------
+    metric : ndarray of int16, shape (K, LANES)
+        Cost of each place and hypothesis.
+    least : ndarray of int32, shape (K,)
+        Output: the least metric of each place.
+    row : ndarray of int64, shape (7,)
+        Output: fields of `FilterMatch`.
+    """
+    for k in range(len(metric)):
+        of_place = metric[k, 0]
+        for h in range(1, table.gains.size):
+            of_place = min(of_place, metric[k, h])
+        least[k] = of_place
+    place, second, ties = least_and_second(least, table.exclusion)
+    first, last, most = place, place, least[place] + NEAR
+    while first > max(place - table.reach, 0) and least[first - 1] <= most:
+        first -= 1
+    while last < min(place + table.reach, least.size - 1) and least[last + 1] <= most:
+        last += 1
+    row[PLACE], row[METRIC], row[TIES] = (first + last + 1) >> 1, least[place], ties
+    row[SECOND], row[SECOND_METRIC] = second, -1
+    if second >= 0:
+        row[SECOND_METRIC] = least[second]
+    gain = 0
+    while metric[place, gain] > least[place]:
+        gain += 1
+    return Best(place, gain, margin_of(least, place, second))
+
+
+# 5. Trust: how sure the match is, and how well its view fits.
+
+
+@kernel(inner=True)
+def trust(state: FilterState, table: FilterTable, nearest: Best, rows: WindowRows, i: int) -> None:
+    """Write the trust in a match and its misfit, and the state after it."""
+    before, now, row = state.numbers[0], state.numbers[1], rows.columns[i]
+    place, of_sum = nearest.place, rows.sums[i, nearest.gain]
+    if before.weight_by_distance != BY_STEPS:
+        follows = state.follows[place]
+    else:
+        follows = before.place >= 0 and 0 <= place - before.place < len(table.costs)
+    against, factor = rows.evidence[i, of_sum], rows.factor[i, of_sum]
+    kept, residual = before.support if follows else 0, residual_of(against[place])
+    now.support = support_after(kept, place == before.place, nearest.margin)
+    now.age = min(before.age + 1, WHOLE_AGE) if follows else 0
+    worst = max(residual, before.residual, before.residual_before)
+    row[TRUST] = trust_of(now.support, worst, now.age)
+    of_window = window_misfit(against, place, table.typical, factor, rows.share[i])
+    now.running_misfit = update_misfit(before.running_misfit, of_window, factor)
+    row[MISFIT] = reported_misfit(now.running_misfit)
+    now.place, now.gain = place, nearest.gain
+    now.residual, now.residual_before = residual, before.residual
 
 
 # The filter of a map.
@@ -532,7 +545,7 @@ class PlaceFilter:
         """
         distances = self._checked(distances)
         rows = WindowRows.empty(*distances.shape)
-        update_windows(self.state, self.transitions.table, distances, events, rows)
+        match_windows(self.state, self.transitions.table, distances, events, rows)
         return rows
 
     @property

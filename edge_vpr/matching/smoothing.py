@@ -15,7 +15,7 @@ import numpy.typing as npt
 
 from edge_vpr.compiling import kernel
 from edge_vpr.matching.filter_match import MISFIT, TRUST
-from edge_vpr.matching.place_filter import WindowRows, least_gain, write_best, write_least
+from edge_vpr.matching.place_filter import WindowRows, best
 from edge_vpr.matching.prediction import (
     LANES,
     UNUSED,
@@ -62,17 +62,15 @@ def smooth_windows(
         for k in range(len(metric)):
             for h in range(LANES):
                 metric[k, h] = np.int16(metric[k, h] + cost_to_go[k, h])
-        write_least(metric, hypotheses, rows.least[i])
-        best, margin = write_best(rows.least[i], table, row)
-        gain = least_gain(metric[best], hypotheses)
-        evidence, factor = rows.evidence[i, sums[gain]], rows.factor[i, sums[gain]]
-        rows.best[i, 0], rows.best[i, 1], rows.factor[i, 0] = best, gain, factor
-        residual[i], row[TRUST] = evidence[best], margin << TRUST_FRACTION_BITS
-        row[MISFIT] = window_misfit(evidence, best, table.typical, factor, rows.share[i])
+        place, gain, margin = best(metric, table, rows.least[i], row)
+        against, factor = rows.evidence[i, sums[gain]], rows.factor[i, sums[gain]]
+        rows.best[i, 0], rows.best[i, 1], rows.factor[i, 0] = place, gain, factor
+        residual[i], row[TRUST] = against[place], margin << TRUST_FRACTION_BITS
+        row[MISFIT] = window_misfit(against, place, table.typical, factor, rows.share[i])
         for k in range(len(metric)):
             for h in range(hypotheses):
-                against = cost_to_go[k, h] + np.int16(rows.evidence[i, sums[h], k])
-                next_cost_to_go[k, h] = np.int16(against)
+                behind = cost_to_go[k, h] + np.int16(rows.evidence[i, sums[h], k])
+                next_cost_to_go[k, h] = np.int16(behind)
             for h in range(hypotheses, LANES):
                 next_cost_to_go[k, h] = UNUSED
         move_on(next_cost_to_go, table, rows.activity[i], np.bool_(True), cost_to_go)
