@@ -139,7 +139,7 @@ module vpr_filter #(
         .write_word_i(distance_i), .read_i(1'b1), .read_address_i(index_q), .read_word_o(kept)
     );
 
-    // What the number of events says
+    // 1. See: what the number of events says
 
     logic       placed_q;  // since reset there was a best place
     logic [7:0] of_place;
@@ -157,7 +157,7 @@ module vpr_filter #(
         .activity_inverse_i(activity_inverse_i), .weight_o(weight), .stands_o(stands)
     );
 
-    // Evidence: the place's distance less the least one, divided by the spread, saturated, and weighted
+    // 3. Evidence: the place's distance less the least one, divided by the spread, saturated, and weighted
     // in eighths. A pause has none.
 
     logic [DISTANCE_BITS-1:0] above_q;
@@ -179,7 +179,7 @@ module vpr_filter #(
         evidence_q <= (EVIDENCE_BITS + 4)'(limited_q) * (EVIDENCE_BITS + 4)'(weight);
     end
 
-    // Prediction, from the metrics of the window before
+    // 2. Predict, from the metrics of the window before
 
     logic                       visits;  // behind the search, of places around the best
     logic [PLACE_BITS-1:0]      visited;
@@ -210,7 +210,7 @@ module vpr_filter #(
         .least_i(least_q), .above_o(above), .prediction_o(prediction)
     );
 
-    // Metrics, for the search; and what is told of the best
+    // 4. Metrics, for the best place, which vpr_search finds; and what is told of it. Trust: vpr_trust
 
     logic [PREDICTED-1:0] valid_q;
 
