@@ -35,7 +35,8 @@ from .events import join_events as join_events
 from .events import make_events as make_events
 from .live.match import LiveMatch as LiveMatch
 from .live.session import LiveSession as LiveSession
-from .map_record import describe as describe
+from .map_making import describe as describe
+from .match_result import MatchResult as MatchResult
 from .matching.distances import ReferenceIndex as ReferenceIndex
 from .matching.distances import distance_matrix as distance_matrix
 from .matching.drive import match_descriptors as match_descriptors
@@ -46,7 +47,6 @@ from .online.schedule import MatchSchedule as MatchSchedule
 from .recordings import Recording as Recording
 from .recordings import open_recording as open_recording
 from .recordings import write_recording as write_recording
-from .reference_map import MatchResult as MatchResult
 from .reference_map import ReferenceMap as ReferenceMap
 from .route import Odometry as Odometry
 from .settings import PRESETS as PRESETS

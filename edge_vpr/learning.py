@@ -8,7 +8,7 @@ the places that they show. The descriptors stay as large as they were.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Any, Generic, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -19,11 +19,11 @@ from edge_vpr.descriptors.windows import Descriptors, activity_of_drive
 from edge_vpr.errors import UsageError
 from edge_vpr.evaluation.facts import Drive
 from edge_vpr.evaluation.tracks import Track, distances
-from edge_vpr.map_record import AnyMap, MapRecord
 from edge_vpr.matching.distances import ReferenceIndex
 from edge_vpr.matching.drive import match_by_filter, match_descriptors
 from edge_vpr.matching.place_filter import PlaceFilter
 from edge_vpr.matching.search import exclusion_zone
+from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.route import Odometry
 
 #: a window agrees if its place, matched with the windows of the drive, is that many windows from it
@@ -53,12 +53,12 @@ FRACTION_BITS = 8
 
 
 @dataclass(frozen=True)
-class MapUpdate(Generic[AnyMap]):
+class MapUpdate:
     """A map that was updated with another drive, and the effect of that drive.
 
     Attributes
     ----------
-    reference : MapRecord
+    reference : ReferenceMap
         The map with the new codes.
     aligned : ndarray of bool, shape (n,)
         Which windows of the drive could be aligned with a place.
@@ -75,7 +75,7 @@ class MapUpdate(Generic[AnyMap]):
         The other drive, for `facts`.
     """
 
-    reference: AnyMap
+    reference: ReferenceMap
     aligned: npt.NDArray[np.bool_]
     place: npt.NDArray[np.int64]
     learnt: npt.NDArray[np.bool_]
@@ -127,13 +127,13 @@ class _Learnt(NamedTuple):
 
 
 def learn_drive(
-    reference: AnyMap,
+    reference: ReferenceMap,
     counted: Descriptors,
     *,
     track: Track | None = None,
     odometry: Odometry | None = None,
     same_route: bool = False,
-) -> MapUpdate[AnyMap]:
+) -> MapUpdate:
     """Average another drive into the codes of a map.
 
     Parameters
@@ -230,7 +230,7 @@ class _Alignment(NamedTuple):
 
 
 def _aligned_by_matching(
-    reference: MapRecord, counted: Descriptors, odometry: Odometry | None
+    reference: ReferenceMap, counted: Descriptors, odometry: Odometry | None
 ) -> _Alignment:
     """Align the windows of a drive with the places that they show, in any light.
 
@@ -252,7 +252,7 @@ def _aligned_by_matching(
 
 
 def _aligned_both_ways(
-    matching: MapRecord, windows: Descriptors, odometry: Odometry | None
+    matching: ReferenceMap, windows: Descriptors, odometry: Odometry | None
 ) -> _Alignment:
     """Align windows where the best path over the places and that over the windows agree.
 
@@ -327,7 +327,7 @@ def _mean_near(values: npt.NDArray[Any], reach: int) -> npt.NDArray[np.float64]:
 
 
 def _aligned_by_track(
-    reference: MapRecord, counted: Descriptors, track: Track
+    reference: ReferenceMap, counted: Descriptors, track: Track
 ) -> npt.NDArray[np.int64] | None:
     """Return the place nearest to the position of each window; -1 where none is as near as places.
 
@@ -368,7 +368,7 @@ def _rounded(
     return (2 * total + number) // (2 * number)
 
 
-def _learnt_before(reference: MapRecord) -> _Learnt:
+def _learnt_before(reference: ReferenceMap) -> _Learnt:
     if reference.learnt_mean is not None and reference.drives is not None:
         return _Learnt(reference.learnt_mean, reference.drives)
     mean = reference.places.counts.astype(np.int32) << FRACTION_BITS
@@ -384,7 +384,7 @@ def _outliers(
     return np.flatnonzero(learnt & (change > median + CHANGED * max(deviation, 1.0)))
 
 
-def _confused(before: MapRecord, after: MapRecord) -> float:
+def _confused(before: ReferenceMap, after: ReferenceMap) -> float:
     """Return the share of places of one map that resemble another part of the other map most."""
     places = len(before)
     some = np.unique(np.linspace(0, places - 1, min(places, SAMPLE)).astype(np.int64))

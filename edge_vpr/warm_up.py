@@ -15,11 +15,12 @@ from edge_vpr.descriptors.cleaning import BurstFilter, CausalBurstFilter
 from edge_vpr.descriptors.counting import cleaned
 from edge_vpr.errors import EdgeVprError
 from edge_vpr.events import Events, Sensor, make_events
-from edge_vpr.map_record import MapRecord, describe_query, map_traverse
+from edge_vpr.map_making import describe_query, map_traverse
 from edge_vpr.matching.drive import match_descriptors
 from edge_vpr.online.kernels import CHUNK_EVENTS
 from edge_vpr.online.localiser import Localiser
 from edge_vpr.online.schedule import MatchSchedule
+from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.route import Odometry
 from edge_vpr.settings import Settings
 
@@ -90,7 +91,7 @@ def mapping_steps(settings: Settings) -> list[WarmUpStep]:
 _WINDOWS = 32
 
 
-def matching_steps(reference: MapRecord, *, odometry: bool = False) -> list[WarmUpStep]:
+def matching_steps(reference: ReferenceMap, *, odometry: bool = False) -> list[WarmUpStep]:
     """Return the warm-up of matching a recording with a map.
 
     Parameters
@@ -142,7 +143,7 @@ def matching_steps(reference: MapRecord, *, odometry: bool = False) -> list[Warm
 
 
 def localising_steps(
-    reference: MapRecord,
+    reference: ReferenceMap,
     every: str | MatchSchedule | None,
     bursts: BurstFilter | CausalBurstFilter,
     *,

@@ -13,15 +13,15 @@ import numpy.typing as npt
 from edge_vpr.errors import UsageError
 from edge_vpr.evaluation.tracks import UNIX_US, Floats
 from edge_vpr.files import replacing
-from edge_vpr.map_record import MapRecord
 from edge_vpr.matching.matches import Matches
+from edge_vpr.reference_map import ReferenceMap
 
 SUFFIXES = (".gpx", ".geojson", ".tum")
 _UNIX_ZERO = dt.datetime(1970, 1, 1, tzinfo=dt.UTC)
 _GPX = "http://www.topografix.com/GPX/1/1"
 
 
-def check_track_file(path: str | Path, reference: MapRecord) -> None:
+def check_track_file(path: str | Path, reference: ReferenceMap) -> None:
     """Check that matches with a map can be written to a file of this name.
 
     Parameters
@@ -47,7 +47,7 @@ def check_track_file(path: str | Path, reference: MapRecord) -> None:
 
 
 def save_match_track(
-    path: str | Path, reference: MapRecord, matches: Matches, *, start_us: int | None = None
+    path: str | Path, reference: ReferenceMap, matches: Matches, *, start_us: int | None = None
 ) -> int:
     """Write the positions of the matched places as a track, atomically.
 
@@ -88,7 +88,7 @@ def save_match_track(
     return len(rows)
 
 
-def _positions(reference: MapRecord) -> Floats:
+def _positions(reference: ReferenceMap) -> Floats:
     """Return the positions of the places, or the metres along the route, shape (K, d)."""
     if reference.route is not None:
         return reference.route.position
@@ -99,7 +99,7 @@ def _positions(reference: MapRecord) -> Floats:
 Rows = npt.NDArray[np.intp]
 
 
-def _gpx(reference: MapRecord, matches: Matches, rows: Rows, start_us: int | None) -> str:
+def _gpx(reference: ReferenceMap, matches: Matches, rows: Rows, start_us: int | None) -> str:
     root = ElementTree.Element("gpx", version="1.1", creator="edge-vpr", xmlns=_GPX)
     segment = ElementTree.SubElement(ElementTree.SubElement(root, "trk"), "trkseg")
     position = _positions(reference)[matches.place]
@@ -113,7 +113,7 @@ def _gpx(reference: MapRecord, matches: Matches, rows: Rows, start_us: int | Non
     return ElementTree.tostring(root, encoding="unicode", xml_declaration=True) + "\n"
 
 
-def _geojson(reference: MapRecord, matches: Matches, rows: Rows) -> str:
+def _geojson(reference: ReferenceMap, matches: Matches, rows: Rows) -> str:
     route = reference.route
     assert route is not None
     rejects = matches.settings.precision is not None
@@ -133,7 +133,7 @@ def _geojson(reference: MapRecord, matches: Matches, rows: Rows) -> str:
     return json.dumps({"type": "FeatureCollection", "features": points}, indent=1) + "\n"
 
 
-def _tum(reference: MapRecord, matches: Matches, rows: Rows) -> str:
+def _tum(reference: ReferenceMap, matches: Matches, rows: Rows) -> str:
     position, route = _positions(reference), reference.route
     lines = ["# time_s x_m y_m z_m qx qy qz qw"]
     if route is not None and route.kind == "geographic":

@@ -14,7 +14,7 @@ import numpy.typing as npt
 from edge_vpr.archive import EqualByValue
 from edge_vpr.errors import GroundTruthError, kind_of
 from edge_vpr.events import TIME_LIMIT_US
-from edge_vpr.map_record import AnyMap
+from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.route import EARTH_RADIUS_M, Kind, Route
 
 # Tracks, interpolated but never extrapolated.
@@ -309,7 +309,7 @@ def positions_at(track: Track, times_us: npt.NDArray[Any], which: str, start_us:
 # The positions of a map's places, from the track of the reference drive.
 
 
-def with_positions(reference: AnyMap, track: Track, start_us: int = 0) -> AnyMap:
+def with_positions(reference: ReferenceMap, track: Track, start_us: int = 0) -> ReferenceMap:
     """Give each place the position that the reference drive had in the middle of its window.
 
     Metres along the route are counted from the beginning of the first window whose place is known.

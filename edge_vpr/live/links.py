@@ -22,8 +22,8 @@ from typing import Any
 
 from edge_vpr.archive import archive_kind
 from edge_vpr.errors import EdgeVprError, UsageError, kind_of
-from edge_vpr.map_record import KIND as MAP_KIND
 from edge_vpr.recordings import FORMATS
+from edge_vpr.reference_map import KIND as MAP_KIND
 
 # Interface of a link to a device or to a host, and its errors.
 

@@ -22,7 +22,7 @@ class NewMap(NamedTuple):
     """A map that was written."""
 
     reference: ReferenceMap
-    update: MapUpdate[ReferenceMap] | None  #: What it has learnt, if it was known before.
+    update: MapUpdate | None  #: What it has learnt, if it was known before.
     removed: Removed  #: Counts of events that were removed as bursts.
 
 

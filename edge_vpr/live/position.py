@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from edge_vpr.map_record import MapRecord
+from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.route import length_m
 from edge_vpr.settings import Settings
 
@@ -126,7 +126,7 @@ class Locator:
 
     Parameters
     ----------
-    reference : MapRecord
+    reference : ReferenceMap
         Without a track, only metres by its odometry are known; without odometry, nothing.
 
     Attributes
@@ -138,7 +138,7 @@ class Locator:
         Length of the route, to the end of its last window.
     """
 
-    def __init__(self, reference: MapRecord) -> None:
+    def __init__(self, reference: ReferenceMap) -> None:
         route, along_mm = reference.route, reference.along_mm
         self.names: tuple[str, ...] = () if route is None else route.coordinates
         self.route_m: float | None = None

@@ -274,7 +274,7 @@ class LiveSession:
         self.stopping = threading.Event()
         self.ended = False
         self.learnt: ReferenceMap | None = None
-        self.update: MapUpdate[ReferenceMap] | None = None
+        self.update: MapUpdate | None = None
         self.removed = Removed()
         self._warm = self._opened = self._closed = self._raised = False
         self._given = self._jumps = self._heard_us = 0

@@ -22,9 +22,9 @@ from typing import Any, BinaryIO, NamedTuple
 from edge_vpr.archive import Arrays, archive_errors, archive_kind, read_archive, write_archive
 from edge_vpr.errors import EdgeVprError, UsageError, printable
 from edge_vpr.live.localiser import LiveLocaliser
-from edge_vpr.map_record import MapRecord
 from edge_vpr.online.localiser import Localiser
 from edge_vpr.online.schedule import MatchSchedule
+from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.warm_up import WarmUpStep
 
 KIND = "live state"
@@ -91,7 +91,7 @@ def since_boot_us() -> int:
     return time.clock_gettime_ns(time.CLOCK_BOOTTIME) // 1_000
 
 
-def state_steps(reference: MapRecord, every: MatchSchedule | None) -> list[WarmUpStep]:
+def state_steps(reference: ReferenceMap, every: MatchSchedule | None) -> list[WarmUpStep]:
     """Return the warm-up of keeping a state and of going on from it."""
 
     def keep_and_resume() -> None:
@@ -137,7 +137,7 @@ class StateFile:
 
     Parameters
     ----------
-    reference : MapRecord
+    reference : ReferenceMap
         Map of the session.
     every : MatchSchedule or None
         Its schedule.
@@ -153,7 +153,7 @@ class StateFile:
     def __init__(
         self,
         path: Path,
-        reference: MapRecord,
+        reference: ReferenceMap,
         every: MatchSchedule | None,
         say: Callable[..., None],
     ) -> None:

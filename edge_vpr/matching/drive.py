@@ -15,7 +15,6 @@ import numpy.typing as npt
 from edge_vpr.confidence import Acceptance, Confidence
 from edge_vpr.descriptors.windows import Descriptors
 from edge_vpr.errors import MapError, UsageError, expect
-from edge_vpr.map_record import MapRecord
 from edge_vpr.matching.distances import BLOCK_DISTANCES, ReferenceIndex
 from edge_vpr.matching.filter_match import MISFIT, TRUST, FilterMatch
 from edge_vpr.matching.matches import CANDIDATES, Matches
@@ -25,6 +24,7 @@ from edge_vpr.matching.search import nearest_places
 from edge_vpr.matching.sequences import match_by_sequences, sequence_distances
 from edge_vpr.matching.smoothing import BackwardPass, runs
 from edge_vpr.matching.trust import smoothed_misfit, smoothed_trust
+from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.route import Odometry
 from edge_vpr.settings import Settings
 
@@ -228,7 +228,7 @@ def _smooth(drive: _Drive, found: FilteredDrive) -> None:
 
 
 def match_query(
-    reference: MapRecord, queries: Descriptors, odometry: Odometry | None = None
+    reference: ReferenceMap, queries: Descriptors, odometry: Odometry | None = None
 ) -> Matches:
     """Match a described query with a map, using its settings and probabilities.
 
@@ -270,7 +270,7 @@ def match_descriptors(
         Table of probabilities; by default the shipped one for the place filter, and none for
         sequences.
     along_mm : ndarray of int64, shape (K,), optional
-        `MapRecord.along_mm`.
+        `ReferenceMap.along_mm`.
     odometry : Odometry, optional
         Odometry of the query drive; needs `along_mm` and the place filter.
 
@@ -346,7 +346,7 @@ def match_by_filter(
 
 
 def query_distances(
-    reference: MapRecord, queries: Descriptors, odometry: Odometry | None = None
+    reference: ReferenceMap, queries: Descriptors, odometry: Odometry | None = None
 ) -> npt.NDArray[np.float64]:
     """Return the distance of each query window to each place, as `match_query` compares them.
 

@@ -30,7 +30,6 @@ from edge_vpr.events import (
     Sensor,
     as_events,
 )
-from edge_vpr.map_record import MapRecord
 from edge_vpr.matching.prediction import check_no_odometry
 from edge_vpr.online.kernels import REFUSED, check_order
 from edge_vpr.online.runs import (
@@ -42,6 +41,7 @@ from edge_vpr.online.runs import (
     join_matches,
 )
 from edge_vpr.online.schedule import MatchSchedule
+from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.route import MOST_MM, OdometerCheck, Odometry
 from edge_vpr.settings import Settings
 
@@ -68,7 +68,7 @@ class Localiser:
 
     Parameters
     ----------
-    reference : MapRecord
+    reference : ReferenceMap
         Map, whose settings are those of a profile (`Settings.profile`).
     every : str or MatchSchedule, optional
         Schedule of matches: ``"event"``, a number of events such as ``"100"``, a time such as
@@ -76,8 +76,12 @@ class Localiser:
         is no match before the L windows are complete.
     """
 
-    def __init__(self, reference: MapRecord, *, every: str | MatchSchedule | None = None) -> None:
-        expect(reference, MapRecord, "reference", "a ReferenceMap, as of ReferenceMap.load(path)")
+    def __init__(
+        self, reference: ReferenceMap, *, every: str | MatchSchedule | None = None
+    ) -> None:
+        expect(
+            reference, ReferenceMap, "reference", "a ReferenceMap, as of ReferenceMap.load(path)"
+        )
         if reference.settings.smooth:  # which needs later windows
             reference = reference.matched_with(replace(reference.settings, smooth=False))
         self.settings = settings = reference.settings
@@ -369,7 +373,7 @@ class OdometryFeed:
 # The part of a map that a saved localiser needs.
 
 
-def map_arrays(reference: MapRecord) -> Arrays:
+def map_arrays(reference: ReferenceMap) -> Arrays:
     """Return the arrays of a map for `searched_map`, without the places."""
     arrays = present(
         pixel_x=reference.pixel_map.x,
@@ -384,7 +388,7 @@ def map_arrays(reference: MapRecord) -> Arrays:
     return arrays
 
 
-def searched_map(arrays: Arrays, meta: Mapping[str, Any]) -> MapRecord:
+def searched_map(arrays: Arrays, meta: Mapping[str, Any]) -> ReferenceMap:
     """Build a map with only the parts that a localiser needs.
 
     Parameters
@@ -398,7 +402,7 @@ def searched_map(arrays: Arrays, meta: Mapping[str, Any]) -> MapRecord:
     sensor = pixel_map.sensor
     no_times = np.zeros(len(arrays["places"]), dtype=np.int64)
     figures = np.broadcast_to(np.float32(0), (sensor.height, sensor.width))
-    return MapRecord(
+    return ReferenceMap(
         Settings.from_dict(meta["settings"]),
         pixel_map,
         Descriptors(arrays["places"], no_times, no_times, no_times, arrays.get("activity")),

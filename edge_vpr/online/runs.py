@@ -17,7 +17,6 @@ from edge_vpr.compiling import SharedState, specialise
 from edge_vpr.descriptors.unseen import UnseenTime
 from edge_vpr.descriptors.windows import Window
 from edge_vpr.events import NO_EVENTS, TIME_LIMIT_US, Events
-from edge_vpr.map_record import MapRecord
 from edge_vpr.matching.place_filter import PlaceFilter, WindowRows
 from edge_vpr.online.kernels import (
     CHUNK_EVENTS,
@@ -42,6 +41,7 @@ from edge_vpr.online.sliding_windows import (
     start,
     with_distances,
 )
+from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.route import Odometer, OdometerCheck
 from fixedpoint.activity import SUMS
 from fixedpoint.own_mean import OwnMeanCode, RunningMean
@@ -95,7 +95,7 @@ def join_matches(found: MatchRows) -> npt.NDArray[np.void]:
 
 
 def _state_before(
-    reference: MapRecord,
+    reference: ReferenceMap,
     windows: SlidingWindows,
     schedule: MatchSchedule,
     place_filter: PlaceFilter | None = None,
@@ -178,7 +178,7 @@ class MatchRun:
 
     def __init__(
         self,
-        reference: MapRecord,
+        reference: ReferenceMap,
         window: Window,
         schedule: MatchSchedule,
         place_filter: PlaceFilter | None = None,
@@ -331,7 +331,7 @@ class FilterRun(MatchRun):
         Of the contrast codes of each sum of windows.
     """
 
-    def __init__(self, reference: MapRecord, window: Window, schedule: MatchSchedule) -> None:
+    def __init__(self, reference: ReferenceMap, window: Window, schedule: MatchSchedule) -> None:
         self.place_filter = PlaceFilter.of(reference.places, reference.settings, reference.along_mm)
         super().__init__(reference, window, schedule, place_filter=self.place_filter)
         self.odometer = Odometer(self.place_filter.transitions.spacing_mm)
@@ -423,7 +423,7 @@ class FilterRun(MatchRun):
         super().resume(arrays, now_us, floor_us)
 
 
-def _events_per_s(reference: MapRecord) -> int:
+def _events_per_s(reference: ReferenceMap) -> int:
     """Return the selected events per second of a map's drive; 0 if unknown."""
     windows = reference.windows
     passed_us = int(windows.centre_us[-1] - windows.centre_us[0])

@@ -40,7 +40,7 @@ from edge_vpr.evaluation.ground_truth import GroundTruth
 from edge_vpr.evaluation.metrics import auroc, evaluate_rejection
 from edge_vpr.events import Sensor, join_events
 from edge_vpr.live.protocols import open_encoder
-from edge_vpr.map_record import coded_map
+from edge_vpr.map_making import coded_map
 from edge_vpr.matching.drive import match_descriptors
 from edge_vpr.matching.matches import Matches
 from edge_vpr.online.localiser import Localiser
@@ -498,7 +498,7 @@ def test_a_table_of_an_earlier_rule_of_trust_is_not_used(tmp_path, monkeypatch, 
     path = tmp_path / "map.npz"
     reference.save(path)
     assert ReferenceMap.load(path).confidence is not None
-    monkeypatch.setattr("edge_vpr.map_record.TRUST_RULE", 1)
+    monkeypatch.setattr("edge_vpr.reference_map.TRUST_RULE", 1)
     reference.save(path, overwrite=True)
     monkeypatch.undo()
     if matching == "sequence":

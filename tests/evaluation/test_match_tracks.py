@@ -12,9 +12,10 @@ from edge_vpr_tools.cli import main
 from edge_vpr.evaluation.track_files import load_track
 from edge_vpr.evaluation.tracks import distances
 from edge_vpr.events import Sensor
+from edge_vpr.match_result import MatchResult
 from edge_vpr.matching.matches import Matches
 from edge_vpr.recordings import open_recording, write_recording
-from edge_vpr.reference_map import MatchResult, ReferenceMap
+from edge_vpr.reference_map import ReferenceMap
 from tests.streams import random_events
 
 SENSOR = Sensor(16, 12)

@@ -17,7 +17,7 @@ import pytest
 from edge_vpr_tools.estimate.of_map import design_of, memories_of
 
 from edge_vpr.events import Events, Sensor
-from edge_vpr.map_record import describe_query
+from edge_vpr.map_making import describe_query
 from edge_vpr.matching.drive import match_descriptors
 from edge_vpr.online.localiser import Localiser
 from edge_vpr.online.schedule import MatchSchedule

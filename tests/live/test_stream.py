@@ -31,7 +31,7 @@ from edge_vpr.live.match import LiveMatch
 from edge_vpr.live.protocols import open_decoder, open_encoder
 from edge_vpr.live.protocols.timestamps import CONFIRM
 from edge_vpr.live.session import LiveStatus, LiveStep
-from edge_vpr.map_record import coded_map
+from edge_vpr.map_making import coded_map
 from edge_vpr.online.localiser import Localiser
 from edge_vpr.online.schedule import MatchSchedule
 from edge_vpr.recordings import open_recording, write_recording

@@ -22,7 +22,7 @@ from edge_vpr.evaluation.tables import load_odometry
 from edge_vpr.evaluation.track_files import load_track
 from edge_vpr.events import Sensor
 from edge_vpr.live.protocols.aer import read_layout
-from edge_vpr.map_record import coded_map
+from edge_vpr.map_making import coded_map
 from edge_vpr.matching.drive import match_descriptors
 from edge_vpr.matching.matches import Matches
 from edge_vpr.online.localiser import Localiser

@@ -19,7 +19,7 @@ from edge_vpr.errors import (
     UsageError,
     printable,
 )
-from edge_vpr.reference_map import write_queries
+from edge_vpr.match_result import write_queries
 from edge_vpr.settings import resolve_settings
 from firmware_model.design import Design
 from firmware_model.errors import DesignError

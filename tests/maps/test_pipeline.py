@@ -16,7 +16,7 @@ from edge_vpr.descriptors.pixels import PixelMap, PixelStatistics
 from edge_vpr.descriptors.windows import PublishedWindows, WindowCounts
 from edge_vpr.errors import EventError, MapError, UsageError
 from edge_vpr.events import Sensor, join_events, make_events
-from edge_vpr.map_record import describe
+from edge_vpr.map_making import describe
 from edge_vpr.recordings import open_recording
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.settings import Settings

@@ -16,7 +16,7 @@ from edge_vpr.errors import EdgeVprWarning, GroundTruthError, MapError, UsageErr
 from edge_vpr.evaluation.tables import load_odometry
 from edge_vpr.evaluation.tracks import Track
 from edge_vpr.events import Sensor
-from edge_vpr.map_record import coded_map
+from edge_vpr.map_making import coded_map
 from edge_vpr.matching.drive import match_descriptors
 from edge_vpr.matching.place_filter import PlaceFilter
 from edge_vpr.matching.prediction import TransitionCosts, Transitions

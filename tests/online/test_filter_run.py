@@ -12,7 +12,7 @@ from numba import config
 
 from edge_vpr.errors import UsageError
 from edge_vpr.events import join_events, make_events
-from edge_vpr.map_record import coded_map, describe_query
+from edge_vpr.map_making import coded_map, describe_query
 from edge_vpr.matching.drive import match_descriptors, match_query
 from edge_vpr.online.localiser import Localiser, OdometryFeed
 from edge_vpr.online.schedule import MatchSchedule

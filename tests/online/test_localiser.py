@@ -13,7 +13,7 @@ from edge_vpr.descriptors.pixels import PixelMap
 from edge_vpr.descriptors.windows import FixedCount, FixedTime
 from edge_vpr.errors import EventError, MapError, UsageError
 from edge_vpr.events import Sensor, make_events
-from edge_vpr.map_record import describe
+from edge_vpr.map_making import describe
 from edge_vpr.matching.drive import match_descriptors
 from edge_vpr.online.localiser import Localiser, check_extent
 from edge_vpr.online.runs import MATCH_DTYPE

@@ -23,9 +23,10 @@ from lab.__main__ import parser
 from edge_vpr.events import Sensor
 from edge_vpr.live.match import LiveMatch
 from edge_vpr.live.protocols import Health, open_encoder
-from edge_vpr.map_record import map_traverse
+from edge_vpr.map_making import map_traverse
+from edge_vpr.match_result import OnlineMetrics
 from edge_vpr.recordings import write_recording
-from edge_vpr.reference_map import OnlineMetrics, ReferenceMap
+from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.run_log import log_warning, logged_run
 from edge_vpr.settings import PRESETS
 from edge_vpr.simulation import simulate_pair

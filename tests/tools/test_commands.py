@@ -15,9 +15,10 @@ from edge_vpr_tools.cli import main
 
 from edge_vpr.archive import write_archive
 from edge_vpr.events import Sensor, join_events
+from edge_vpr.match_result import MatchResult
 from edge_vpr.matching.matches import Matches
 from edge_vpr.recordings import Recording, open_recording, write_recording
-from edge_vpr.reference_map import MatchResult, ReferenceMap
+from edge_vpr.reference_map import ReferenceMap
 from tests.streams import random_events, write_drives
 
 SENSOR = Sensor(16, 12)
@@ -262,7 +263,7 @@ def test_an_interrupt_leaves_nothing_half_written(drive, capsys, tmp_path, monke
     def interrupt(*unused):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("edge_vpr.reference_map.write_csv", interrupt)
+    monkeypatch.setattr("edge_vpr.match_result.write_csv", interrupt)
     arguments = ("match", drive / "map.npz", drive / "query.npz", "-o", tmp_path / "results")
     code, lines = call(capsys, *arguments)
     assert code == 130
@@ -284,7 +285,7 @@ NO_CACHE = RuntimeError("cannot cache function '_below': no locator available fo
 def test_an_error_that_nobody_expected_is_one_line_and_debug_shows_the_trace(
     drive, capsys, tmp_path, monkeypatch, error, says
 ):
-    monkeypatch.setattr("edge_vpr.reference_map.write_csv", Mock(side_effect=error))
+    monkeypatch.setattr("edge_vpr.match_result.write_csv", Mock(side_effect=error))
     arguments = ("match", drive / "map.npz", drive / "query.npz", "-o", tmp_path / "results")
     refused(capsys, *arguments, code=1, says=says)
     _, lines = call(capsys, "--debug", *arguments)

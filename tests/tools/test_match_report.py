@@ -24,9 +24,10 @@ from matplotlib.figure import Figure
 from edge_vpr.errors import UsageError
 from edge_vpr.evaluation.ground_truth import GroundTruth
 from edge_vpr.evaluation.metrics import evaluate
+from edge_vpr.match_result import MatchResult, read_queries
 from edge_vpr.matching.drive import match_descriptors
 from edge_vpr.matching.matches import Matches
-from edge_vpr.reference_map import MatchResult, ReferenceMap, read_queries
+from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.results import WINDOWS
 from edge_vpr.settings import PRESETS
 from tests import naive

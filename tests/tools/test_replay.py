@@ -19,9 +19,9 @@ from PIL import Image
 
 from edge_vpr.errors import UsageError
 from edge_vpr.events import Sensor
+from edge_vpr.match_result import MatchResult
 from edge_vpr.matching.matches import Matches
 from edge_vpr.recordings import write_recording
-from edge_vpr.reference_map import MatchResult
 from edge_vpr.results import read_run
 from edge_vpr.simulation import simulate_pair
 from tests.streams import random_events

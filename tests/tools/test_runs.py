@@ -17,10 +17,11 @@ from edge_vpr_tools.commands.calibrate import calibrate
 from edge_vpr_tools.commands.info import summarise
 from edge_vpr_tools.truth_files import TruthFiles
 
-from edge_vpr.map_record import describe_query, map_traverse
+from edge_vpr.map_making import describe_query, map_traverse
+from edge_vpr.match_result import MatchResult
 from edge_vpr.matching.drive import match_descriptors, match_query
 from edge_vpr.recordings import open_recording
-from edge_vpr.reference_map import MatchResult, ReferenceMap
+from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.results import to_json
 from edge_vpr.warm_up import mapping_steps, warm_up
 from tests.tools.test_commands import drive  # noqa: F401
@@ -95,12 +96,12 @@ def test_times_are_without_compilation(drive, tmp_path, monkeypatch):  # noqa: F
 
         return call
 
-    for name, matching, warming in (
-        ("describe_query", describe_query, describe_query),
-        ("match_query", match_query, match_descriptors),
-        ("map_traverse", map_traverse, map_traverse),
+    for name, at, matching, warming in (
+        ("describe_query", "match_result", describe_query, describe_query),
+        ("match_query", "match_result", match_query, match_descriptors),
+        ("map_traverse", "map_making", map_traverse, map_traverse),
     ):
-        for module, original in (("reference_map", matching), ("warm_up", warming)):
+        for module, original in ((at, matching), ("warm_up", warming)):
             patched = slow(name, original)
             monkeypatch.setattr(f"edge_vpr.{module}.{original.__name__}", patched)
     out = tmp_path / "run"

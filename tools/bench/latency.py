@@ -19,7 +19,7 @@ from bench_localiser import SENSOR, scene
 from table import machine
 
 from edge_vpr.events import Events, make_events
-from edge_vpr.map_record import coded_map
+from edge_vpr.map_making import coded_map
 from edge_vpr.online.localiser import Localiser
 from edge_vpr.reference_map import ReferenceMap
 

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from rich.text import Text
 
     from edge_vpr.descriptors.counting import Removed
-    from edge_vpr.map_record import MapRecord
+    from edge_vpr.reference_map import ReferenceMap
     from edge_vpr.warm_up import WarmUpStep
 
 # Notes on standard error and summaries on standard output, depending on ``-q`` and ``-v``.
@@ -208,7 +208,7 @@ def warn_of_bursts(removed: Removed, path: str, remedy: str) -> None:
 _FEW_PLACES = 50
 
 
-def warn_of_few_places(path: str | Path, reference: MapRecord) -> None:
+def warn_of_few_places(path: str | Path, reference: ReferenceMap) -> None:
     """Warn if a map is so short that the shipped probabilities do not hold for it."""
     settings = reference.settings
     if len(reference) < _FEW_PLACES and settings.matching == "filter" and not reference.confidence:

@@ -27,7 +27,7 @@ from edge_vpr.evaluation.ground_truth import GroundTruth, from_tracks
 from edge_vpr.evaluation.metrics import evaluate
 from edge_vpr.evaluation.tracks import Track
 from edge_vpr.events import Events, Sensor
-from edge_vpr.map_record import coded_map
+from edge_vpr.map_making import coded_map
 from edge_vpr.matching.drive import match_query
 from edge_vpr.matching.matches import Matches
 from edge_vpr.matching.sequences import middle_window

@@ -27,7 +27,7 @@ from edge_vpr.descriptors.pixels import PixelMap
 from edge_vpr.descriptors.windows import FixedCount, FixedTime, WindowCounts
 from edge_vpr.errors import UsageError
 from edge_vpr.events import Sensor
-from edge_vpr.map_record import AnyMap, MapRecord
+from edge_vpr.reference_map import ReferenceMap
 from fixedpoint.own_mean import FULL_SCALE, OwnMeanCode
 
 #: number of windows of the query that are used, and the smallest number that is enough
@@ -59,7 +59,9 @@ class MountShift:
     likeness_unmoved: float
 
 
-def register(reference: AnyMap, recording: EventSource | WindowSource) -> tuple[AnyMap, MountShift]:
+def register(
+    reference: ReferenceMap, recording: EventSource | WindowSource
+) -> tuple[ReferenceMap, MountShift]:
     """Move the pixels of a map by the shift of a query's image, and return both.
 
     Parameters
@@ -93,7 +95,7 @@ def register(reference: AnyMap, recording: EventSource | WindowSource) -> tuple[
 
 
 def estimate_shift(
-    reference: MapRecord, images: npt.NDArray[np.integer]
+    reference: ReferenceMap, images: npt.NDArray[np.integer]
 ) -> tuple[int, int, Floats, Floats]:
     """Find the shift at which windows are most similar to the places of a map.
 
@@ -141,7 +143,7 @@ def reach_of(sensor: Sensor) -> int:
     return min(REACH, min(sensor) // SHARE)
 
 
-def moved_map(reference: AnyMap, dx: int, dy: int) -> AnyMap:
+def moved_map(reference: ReferenceMap, dx: int, dy: int) -> ReferenceMap:
     """Move the pixels of a map; drop those that leave the sensor or would be hot pixels.
 
     Parameters
@@ -151,7 +153,7 @@ def moved_map(reference: AnyMap, dx: int, dy: int) -> AnyMap:
 
     Returns
     -------
-    MapRecord
+    ReferenceMap
         The same one for no shift.
     """
     if (dx, dy) == (0, 0):
@@ -170,7 +172,7 @@ def moved_map(reference: AnyMap, dx: int, dy: int) -> AnyMap:
 
 
 def _first_images(
-    reference: MapRecord, recording: EventSource | WindowSource
+    reference: ReferenceMap, recording: EventSource | WindowSource
 ) -> npt.NDArray[np.uint16]:
     """Count the first windows of a query at all pixels, as (n, height, width)."""
     sensor, settings = recording.sensor, reference.settings

@@ -68,7 +68,7 @@ STAGES = {
     "pipeline": Stage(
         "Maps and matches of whole drives",
         "From a recording to a map, and from a map and a recording to matches.",
-        exported=("map_record", "reference_map", "route"),
+        exported=("reference_map", "map_making", "match_result", "route"),
     ),
     "settings": Stage(
         "Settings",

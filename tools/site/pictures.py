@@ -38,8 +38,8 @@ from rich.style import Style
 from rich.terminal_theme import SVG_EXPORT_THEME
 from rich.text import Text
 
+from edge_vpr.match_result import MatchResult
 from edge_vpr.matching.distances import ReferenceIndex
-from edge_vpr.reference_map import MatchResult
 from edge_vpr.results import read_run
 from tests.tools.terminals import Terminal
 

@@ -48,8 +48,8 @@ def run(args: argparse.Namespace) -> None:
         return
     from edge_vpr.archive import archive_kind
     from edge_vpr.files import check_output
-    from edge_vpr.map_record import KIND
     from edge_vpr.recordings import write_recording
+    from edge_vpr.reference_map import KIND
     from edge_vpr_tools.inputs import describe_faults, open_from, tracked
 
     check_output(args.output, [args.input])

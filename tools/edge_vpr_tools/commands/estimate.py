@@ -122,7 +122,7 @@ def asked_for(args: argparse.Namespace) -> Asked:
 
 def _of_flags(args: argparse.Namespace) -> Design:
     """Return the design of a map with the default settings, of a DAVIS346."""
-    from edge_vpr.map_record import with_places
+    from edge_vpr.map_making import with_places
     from edge_vpr.settings import PRESETS
     from edge_vpr_tools.estimate.of_map import design_by
 

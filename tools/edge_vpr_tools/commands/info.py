@@ -158,10 +158,9 @@ def run(args: argparse.Namespace) -> None:
     """Read the whole file once and print what it holds."""
     from edge_vpr.archive import archive_kind
     from edge_vpr.events import LONGEST_SIDE
-    from edge_vpr.map_record import KIND
     from edge_vpr.recordings import format_of
     from edge_vpr.recordings.reading import SensorNotStated
-    from edge_vpr.reference_map import ReferenceMap
+    from edge_vpr.reference_map import KIND, ReferenceMap
     from edge_vpr.results import json_text
     from edge_vpr_tools.inputs import open_from, tracked
 

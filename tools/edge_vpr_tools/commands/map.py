@@ -121,8 +121,8 @@ def run(args: argparse.Namespace) -> None:
     from edge_vpr.descriptors.counting import Removed
     from edge_vpr.evaluation.facts import Drive, facts
     from edge_vpr.evaluation.track_files import load_track
-    from edge_vpr.map_record import KIND
-    from edge_vpr.reference_map import ReferenceMap, removed_record
+    from edge_vpr.match_result import removed_record
+    from edge_vpr.reference_map import KIND, ReferenceMap
     from edge_vpr.results import (
         check_new_file,
         check_new_map,

@@ -30,9 +30,10 @@ from edge_vpr_tools.flags import (
 
 if TYPE_CHECKING:
     from edge_vpr.descriptors.windows import PublishedWindows
+    from edge_vpr.match_result import MatchResult
     from edge_vpr.matching.matches import Matches
     from edge_vpr.recordings import Recording
-    from edge_vpr.reference_map import MatchResult, ReferenceMap
+    from edge_vpr.reference_map import ReferenceMap
     from edge_vpr.route import Odometry
 
 
@@ -101,9 +102,10 @@ def run(args: argparse.Namespace) -> None:
     from edge_vpr.archive import archive_kind, write_npy
     from edge_vpr.evaluation.match_tracks import check_track_file
     from edge_vpr.evaluation.tables import load_odometry
-    from edge_vpr.map_record import KIND as MAP_KIND
+    from edge_vpr.match_result import OnlineMetrics
     from edge_vpr.matching.drive import query_distances
-    from edge_vpr.reference_map import OnlineMetrics, ReferenceMap
+    from edge_vpr.reference_map import KIND as MAP_KIND
+    from edge_vpr.reference_map import ReferenceMap
     from edge_vpr.warm_up import matching_steps
     from edge_vpr_tools.inputs import describe_faults, describe_removed, open_source, tracked
     from edge_vpr_tools.report.verdict import outcome_of

@@ -19,7 +19,7 @@ from matplotlib.layout_engine import ConstrainedLayoutEngine
 from edge_vpr.errors import UsageError
 from edge_vpr.evaluation.metrics import Evaluation
 from edge_vpr.files import read_json
-from edge_vpr.reference_map import MatchResult
+from edge_vpr.match_result import MatchResult
 from edge_vpr.results import METRICS, results_folder, run_record, write_json
 from edge_vpr_tools.report.figures import (
     TIME,

@@ -22,11 +22,12 @@ from edge_vpr.descriptors.windows import Descriptors
 from edge_vpr.errors import EdgeVprWarning, UsageError
 from edge_vpr.evaluation.ground_truth import TruePositions
 from edge_vpr.files import replacing
-from edge_vpr.map_record import describe_query
+from edge_vpr.map_making import describe_query
+from edge_vpr.match_result import MatchResult
 from edge_vpr.matching.drive import query_distances
 from edge_vpr.matching.matches import Matches
 from edge_vpr.matching.sequences import middle_window
-from edge_vpr.reference_map import MatchResult, ReferenceMap
+from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.route import Odometry, Route
 from edge_vpr_tools.report.figures import Window, dot_sizes, draw_window, total_counts
 from edge_vpr_tools.report.style import (

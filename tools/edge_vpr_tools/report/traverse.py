@@ -13,8 +13,9 @@ from matplotlib.figure import Figure
 from edge_vpr import results
 from edge_vpr.descriptors.windows import Descriptors
 from edge_vpr.evaluation.metrics import Evaluation
+from edge_vpr.match_result import MatchResult
 from edge_vpr.matching.matches import Matches
-from edge_vpr.reference_map import MatchResult, ReferenceMap
+from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.route import Route
 from edge_vpr_tools.report.figures import (
     RouteView,

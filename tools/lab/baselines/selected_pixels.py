@@ -18,7 +18,7 @@ from edge_vpr.descriptors.pixels import (
 from edge_vpr.descriptors.windows import WindowCounts, narrow
 from edge_vpr.errors import UsageError
 from edge_vpr.events import Sensor
-from edge_vpr.map_record import coded_map, describe
+from edge_vpr.map_making import coded_map, describe
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.settings import PLUGIN, PRESETS, STRATEGIES, Settings
 from lab.baselines.baseline import Described, Images, VectorBaseline

@@ -1,0 +1,550 @@
+"""Maps of drives: select pixels, count the windows, code them; and the queries of another drive.
+
+What `ReferenceMap.build` and `ReferenceMap.update` do.
+"""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Mapping
+from dataclasses import replace
+from inspect import signature
+from pathlib import Path
+from typing import Any, TypeVar, cast
+
+import numpy as np
+import numpy.typing as npt
+
+from edge_vpr.archive import archive_kind
+from edge_vpr.descriptors.cleaning import can_be_searched, find_hot_pixels, load_hot_pixels
+from edge_vpr.descriptors.codes import codes_of, counted_events, drive_mean, limits_of
+from edge_vpr.descriptors.counting import (
+    AnyRecording,
+    DescriptorStream,
+    EventSource,
+    Removed,
+    WindowSource,
+    check_counted,
+    check_parts,
+    check_sensor,
+    check_windows_only,
+    count_places,
+    count_windows,
+    event_windows,
+    opened,
+    too_short,
+)
+from edge_vpr.descriptors.pixels import (
+    PixelMap,
+    PixelStatistics,
+    informative_pixels,
+    load_pixel_map,
+    plugin_pixels,
+    select_pixels,
+    shortlist,
+    too_few_pixels,
+)
+from edge_vpr.descriptors.windows import (
+    Descriptors,
+    FixedTime,
+    activity_of_drive,
+    narrow,
+    overlapping,
+)
+from edge_vpr.errors import EdgeVprWarning, UsageError, expect
+from edge_vpr.evaluation.tables import TableData, load_odometry
+from edge_vpr.evaluation.track_files import AnyTrack, load_track
+from edge_vpr.evaluation.tracks import UNIX_US, Track, with_positions
+from edge_vpr.events import Sensor, SensorSize
+from edge_vpr.learning import MapUpdate, learn_drive
+from edge_vpr.recordings import open_recording
+from edge_vpr.recordings.memory import column_names
+from edge_vpr.reference_map import KIND, ReferenceMap
+from edge_vpr.route import Odometry
+from edge_vpr.settings import PLUGIN, Preset, Settings, resolve_settings
+from fixedpoint.codes import learn_full_scale
+
+# A map of a drive, and of another one too.
+
+
+def build(
+    recording: AnyRecording,
+    settings: Settings | Preset | Path | None,
+    changes: Mapping[str, Any],
+    *,
+    sensor: SensorSize | None,
+    pixel_map: PixelMap | str | Path | None,
+    hot: npt.NDArray[np.bool_] | str | Path | None,
+    track: AnyTrack | None,
+    odometry: Odometry | TableData | str | Path | None,
+    removed: Removed | None,
+) -> ReferenceMap:
+    """Make a map of one drive, see `ReferenceMap.build`."""
+    check_reading(changes, "build")
+    chosen = _settings_of(settings, changes)
+    drive = opened(recording, sensor=sensor)
+    if isinstance(hot, str | Path):
+        hot = load_hot_pixels(hot, drive.sensor)
+    if isinstance(pixel_map, str | Path):
+        is_map = archive_kind(pixel_map) == KIND
+        pixel_map = (
+            ReferenceMap.load(pixel_map).pixel_map
+            if is_map
+            else load_pixel_map(pixel_map, drive.sensor)
+        )
+    track, odometry = track_of(track), odometry_of(odometry)
+    removed = Removed() if removed is None else removed
+    made = replace(
+        map_traverse(drive, chosen, pixel_map=pixel_map, hot=hot, removed=removed),
+        frame_period=getattr(drive, "frame_period", None),
+        start_us=getattr(drive, "cropped_us", 0),
+        clock_us=unix_start(drive),
+    )
+    check_matchable(made)
+    if "pixels" in changes and pixel_map is None and made.settings.pixels < chosen.pixels:
+        warnings.warn(
+            f"pixels={chosen.pixels}, and the recording has events at {made.settings.pixels} "
+            "pixels alone: the map has these",
+            EdgeVprWarning,
+            stacklevel=3,
+        )
+    if track is not None:
+        clock_us = getattr(drive, "start_us", made.start_us) - made.start_us
+        made = with_positions(made, track, clock_us)
+    if odometry is not None:
+        made = replace(made, odometer_mm=of_part(drive, odometry).along(made.places.centre_us))
+    return made
+
+
+def update(
+    reference: ReferenceMap,
+    recording: AnyRecording,
+    *,
+    track: AnyTrack | None,
+    odometry: Odometry | TableData | str | Path | None,
+    same_route: bool,
+    removed: Removed | None,
+) -> MapUpdate:
+    """Update a map with another drive, see `ReferenceMap.update`."""
+    drive = opened(recording, default=reference.camera)
+    check_sensor(drive.sensor, reference.pixel_map.sensor)
+    counted = count_places(drive, reference.pixel_map, reference.settings, removed)
+    return learn_drive(
+        reference,
+        counted,
+        track=of_part(drive, track_of(track)),
+        odometry=of_part(drive, odometry_of(odometry)),
+        same_route=same_route,
+    )
+
+
+def _settings_of(settings: Settings | str | Path | None, changes: Mapping[str, Any]) -> Settings:
+    if isinstance(settings, Settings):
+        return settings.replaced(changes, "build")
+    if settings is None:
+        settings = "default"
+    expect(
+        settings,
+        (str, Path),
+        "settings",
+        "Settings, the name of a preset, or a TOML file; single settings as keywords: pixels=50",
+    )
+    is_file = isinstance(settings, Path) or settings.endswith(".toml")
+    if is_file:
+        return resolve_settings(config=settings, flags=changes, source="build")
+    return resolve_settings(cast("Preset", str(settings)), flags=changes, source="build")
+
+
+#: frames in a window of a reference of frames that has places at half windows, at least: its halves
+#: then differ little in length
+LEAST_FRAMES = 20
+
+
+# Descriptors of a drive, with the codes of a map.
+
+
+def describe(
+    recording: EventSource | WindowSource | str | Path,
+    pixel_map: PixelMap,
+    settings: Settings,
+) -> Descriptors:
+    """Count the events of a drive at the selected pixels, window by window, in one pass.
+
+    Parameters
+    ----------
+    recording : recording or path
+        A path is opened by `open_recording`.
+    settings : Settings
+        Of the map, with counts or with a code that is the same for all pixels.
+
+    Returns
+    -------
+    Descriptors
+        At least one.
+
+    Raises
+    ------
+    UsageError
+        If the recording is shorter than a window.
+    """
+    recording = opened(recording)
+    expect(pixel_map, PixelMap, "pixel_map", "a PixelMap, as of select_pixels or of a map")
+    expect(settings, Settings, "settings", "Settings, as of a map or of resolve_settings")
+    counters = len(pixel_map) * (2 if settings.polarity else 1)
+    codes = codes_of(settings, counters)
+    counted = count_windows(recording, pixel_map, settings)
+    if codes is None:
+        return counted
+    return replace(counted, counts=narrow(codes.encode(counted.counts)))
+
+
+def describe_query(
+    reference: ReferenceMap,
+    recording: EventSource | WindowSource,
+    removed: Removed | None = None,
+) -> Descriptors:
+    """Describe a query drive in the same way as the places of a map, with its codes.
+
+    Parameters
+    ----------
+    removed : Removed, optional
+        Filled with how much the cleaning took.
+
+    Returns
+    -------
+    Descriptors
+        At least one.
+    """
+    counted = count_windows(recording, reference.pixel_map, reference.settings, removed)
+    _warn_of_silence(counted)
+    return reference.coded(counted)
+
+
+#: longest time without any event at which nothing is said
+_SILENT_US = 10_000_000
+
+
+def _warn_of_silence(windows: Descriptors) -> None:
+    """Warn of a long time without any event, where a clock may have jumped."""
+    silent = np.concatenate([[False], windows.events == 0, [False]])
+    edges = np.flatnonzero(silent[1:] != silent[:-1])
+    start, end = windows.start_us[edges[::2]], windows.end_us[edges[1::2] - 1]
+    at = int(np.argmax(end - start)) if start.size else 0
+    if not start.size or end[at] - start[at] < _SILENT_US:
+        return
+    warnings.warn(
+        f"the recording has no event from {start[at] / 1e6:,.0f} to {end[at] / 1e6:,.0f} s, where "
+        "a camera that stands still has noise: was it off, or did its clock jump? If it jumped, "
+        "later times are wrong: use the parts before and after alone",
+        EdgeVprWarning,
+        stacklevel=4,
+    )
+
+
+# Making a map of a reference drive: select pixels, and make its windows places.
+
+
+def map_traverse(
+    recording: EventSource | WindowSource,
+    settings: Settings,
+    *,
+    pixel_map: PixelMap | None = None,
+    hot: npt.NDArray[np.bool_] | None = None,
+    removed: Removed | None = None,
+) -> ReferenceMap:
+    """Make a map of one drive, in one pass over its events or two.
+
+    A second pass is needed for fixed-count windows, for polarity, and if the images of all windows,
+    or of their parts, are too large for a temporary file. If a recording has events
+    at few pixels alone, as published counts do, and no more than the settings ask for, all of them
+    are the map's.
+
+    Parameters
+    ----------
+    recording : EventSource or WindowSource
+        For example from `open_recording`.
+    pixel_map : PixelMap, optional
+        Pixels to use; by default they are selected as the settings say.
+    hot : ndarray of bool, shape (height, width), optional
+        Hot pixels; by default they are found, if the settings ask for it and at least half of the
+        pixels fire.
+    removed : Removed, optional
+        Is filled with what was left out.
+
+    Raises
+    ------
+    UsageError
+        If the recording is shorter than a window (than two, where pixels are selected by their
+        variance), or too few pixels can be drawn.
+    RecordingError, EventError
+        If the recording is faulty.
+    """
+    recording = opened(recording)
+    sensor = recording.sensor
+    if removed is not None:
+        expect(removed, Removed, "removed", "Removed() to be filled, or leave it out")
+    if hot is not None:
+        expect(hot, np.ndarray, "hot", "an array of bool, shape (height, width), or a file")
+        if hot.dtype != np.bool_:
+            raise UsageError(f"hot pixels are an array of {hot.dtype}: give one of bool")
+    if hot is not None and hot.shape != (sensor.height, sensor.width):
+        raise UsageError(
+            f"hot pixels are given for {hot.shape[1]}x{hot.shape[0]} pixels and the recording is "
+            f"of a {sensor} sensor: give the list of this camera"
+        )
+    if pixel_map is not None:
+        expect(pixel_map, PixelMap, "pixel_map", "a PixelMap(sensor, x, y)")
+        check_sensor(sensor, pixel_map.sensor)
+        settings = settings.replaced({"pixels": len(pixel_map)}, "the pixel map")
+    if settings.places_per_window is None:
+        settings = with_places(settings, recording)
+    check_parts(recording, settings)
+    # the released code selects by clipped counts; with other codes, pixels are selected by plain
+    # counts, so that maps with different codes have the same pixels
+    needs_events = settings.window == "count" or settings.polarity
+    parts = 1 if needs_events else settings.window_parts
+    stream = None
+    with PixelStatistics(sensor, clip=settings.clip, parts=parts) as first:
+        if isinstance(recording, WindowSource):
+            check_windows_only(settings)
+            settings = settings.replaced({"tau_us": recording.window_us}, "the published windows")
+            if pixel_map is not None:
+                check_counted(recording, pixel_map, settings)
+            windows = recording.windows()
+        else:
+            everything = PixelMap.all_of(sensor)
+            stream = DescriptorStream(everything, FixedTime(settings.tau_us // parts))
+            windows = event_windows(recording, stream, settings, removed)
+        for window in windows:
+            first.add(window)
+        if first.windows == 0:
+            raise too_short(FixedTime(settings.tau_us), stream)
+        counted = np.ones((sensor.height, sensor.width), dtype=np.bool_)
+        if isinstance(recording, WindowSource):
+            counted = recording.counted
+        # next to pixels that were not counted, all others would look hot
+        searched = settings.remove_hot_pixels and counted.all() and can_be_searched(first.totals)
+        if hot is None and searched:
+            hot = find_hot_pixels(first.totals)
+        elif hot is None:
+            hot = np.zeros_like(counted)
+        saliency = first.mean() if settings.strategy == "seed-code" else first.variance()
+        if pixel_map is not None:
+            hot = hot & (pixel_map.table() < 0)
+        else:
+            pixel_map = _choose_pixels(first, recording, settings, saliency, hot, ~counted)
+            settings = settings.replaced({"pixels": len(pixel_map)}, "the recording")
+        selected = int(first.totals[pixel_map.y, pixel_map.x].sum())
+        if settings.window == "time" and selected < first.windows:
+            warnings.warn(
+                f"windows of {FixedTime(settings.tau_us)} hold {selected / first.windows:.2g} "
+                f"events at the {len(pixel_map)} pixels of the map in the mean, and their places "
+                f"look alike: take longer windows (tau=), or more pixels (pixels=)",
+                EdgeVprWarning,
+                stacklevel=3,
+            )
+        if settings.window == "count" and settings.events_per_pixel is None:
+            settings = _with_mean_count(settings, first, pixel_map)
+        pieces = None if needs_events else first.pieces(pixel_map)
+    if pieces is None:
+        places = count_places(recording, pixel_map, settings, removed)
+    else:
+        places = pieces if parts == 1 else overlapping(pieces, parts)
+    _warn_of_silence(places)
+    return coded_map(
+        ReferenceMap(settings.uncoded, pixel_map, places, saliency.astype(np.float32), hot),
+        settings,
+    )
+
+
+def _choose_pixels(
+    first: PixelStatistics,
+    recording: EventSource | WindowSource,
+    settings: Settings,
+    saliency: npt.NDArray[np.float64],
+    hot: npt.NDArray[np.bool_],
+    uncounted: npt.NDArray[np.bool_],
+) -> PixelMap:
+    """Choose the pixels of a map by the strategy of its settings."""
+    if first.windows == 1 and settings.strategy in ("variance", "top", "information"):
+        raise UsageError(
+            f"the drive holds one window of {FixedTime(settings.tau_us)}, and pixels can be "
+            "selected only from two windows or more: take shorter windows (tau=), or a "
+            "longer drive"
+        )
+    given = _given_pixels(first, settings.pixels, hot)
+    if given is not None:
+        return given
+    excluded = hot | uncounted
+    if settings.strategy == "information":
+        listed = shortlist(saliency, excluded)
+        if len(listed) < settings.pixels:
+            varying = int(np.count_nonzero(saliency[hot]))
+            raise too_few_pixels(len(listed), varying, settings.pixels, recording.sensor)
+        return _most_informative(first, recording, settings, listed)
+    if settings.strategy.startswith(PLUGIN):
+        return plugin_pixels(first, settings, excluded)
+    return select_pixels(
+        saliency,
+        settings.pixels,
+        strategy=settings.strategy,
+        sigma=settings.sigma,
+        rng=np.random.default_rng(settings.seed),
+        exclude=excluded,
+    )
+
+
+def _given_pixels(
+    first: PixelStatistics, pixels: int, hot: npt.NDArray[np.bool_]
+) -> PixelMap | None:
+    """Return the pixels that fire, if they were selected before: few, and busy.
+
+    Counts are often published at selected pixels alone, which are then all of the map. In a drive
+    that is too short, few pixels fire too, but most of them not even once a window.
+    """
+    totals = first.totals
+    fires = totals > 0
+    few = int(np.count_nonzero(fires))
+    busy = int(totals.sum()) >= few * first.windows
+    # of a sensor that has no more pixels than are asked for, all are to be taken
+    selected = totals.size <= pixels or not can_be_searched(totals)
+    if not 0 < few <= pixels or not selected or not busy or (hot & fires).any():
+        return None
+    y, x = np.nonzero(fires)
+    height, width = totals.shape
+    return PixelMap(Sensor(width, height), x.astype(np.uint16), y.astype(np.uint16))
+
+
+def check_matchable(reference: ReferenceMap) -> None:
+    """Raise UsageError if a map has fewer places than its sequences have windows."""
+    length, places = reference.settings.windows_per_match, len(reference)
+    if length > places:
+        raise UsageError(
+            f"a sequence of {length} windows does not fit the {places} places of this drive: take "
+            "a shorter sequence (sequence_length=), shorter windows (tau=), or a longer drive"
+        )
+
+
+def _most_informative(
+    first: PixelStatistics,
+    recording: EventSource | WindowSource,
+    settings: Settings,
+    listed: PixelMap,
+) -> PixelMap:
+    windows = first.descriptors(listed)
+    if windows is None:  # too large for a temporary file: events are counted again
+        by_time = settings.uncoded.replaced({"window": "time", "polarity": False}, "the shortlist")
+        windows = count_windows(recording, listed, by_time)
+    return informative_pixels(listed, windows.counts, settings.pixels)
+
+
+def coded_map(counted: ReferenceMap, settings: Settings) -> ReferenceMap:
+    """Code the counts of a reference map, and compute the parameters of its code from them.
+
+    Parameters
+    ----------
+    counted : ReferenceMap
+        With counts as they are, at least one place.
+    settings : Settings
+        Of the map to make.
+    """
+    places, windows = counted.places, counted.windows
+    counts, events = places.counts, places.selected_events
+    full_scale, mean, limits, that_count = None, None, None, None
+    code = settings.own_mean_code
+    if code is not None:
+        limits = limits_of(windows.counts)
+        that_count, of_windows = (counted_events(each.counts, limits) for each in (places, windows))
+        windows = replace(windows, counted=of_windows)
+        mean = drive_mean(windows, code, activity_of_drive(of_windows))
+        coded: npt.NDArray[np.unsignedinteger] = code.encode(counts, mean)
+    else:
+        full_scale = learn_full_scale(windows.counts) if settings.learns_full_scale else None
+        codes = codes_of(settings, counts.shape[1], full_scale)
+        coded = counts if codes is None else narrow(codes.encode(counts))
+    return replace(
+        counted,
+        settings=settings,
+        places=replace(places, counts=coded, selected=events, counted=that_count),
+        full_scale=full_scale,
+        mean=mean,
+        limits=limits,
+    )
+
+
+def _with_mean_count(settings: Settings, first: PixelStatistics, pixel_map: PixelMap) -> Settings:
+    """Set the number of events in a window to the average of a window of tau."""
+    events = int(first.totals[pixel_map.y, pixel_map.x].sum())
+    number = settings.window_parts  # a window has as many whole parts
+    mean = number * max(1, round(events / first.windows / number))
+    return settings.replaced({"events_per_pixel": mean / len(pixel_map)}, "the reference")
+
+
+def with_places(settings: Settings, recording: EventSource | WindowSource | None) -> Settings:
+    """Set the number of places per window: two if windows of this recording can overlap.
+
+    None stands for a recording of single events.
+    """
+    period = getattr(recording, "frame_period", None)
+    two = (
+        settings.matching == "filter"
+        and settings.window == "time"
+        and settings.tau_us % 2 == 0
+        and not isinstance(recording, WindowSource)
+        and (period is None or LEAST_FRAMES * period * 1_000_000 <= settings.tau_us)
+    )
+    return settings.replaced({"places_per_window": 2 if two else 1}, "the reference")
+
+
+# Tracks, odometry and clocks of the part of a recording that is read.
+
+
+def track_of(given: AnyTrack | None) -> Track | None:
+    """Return a track, read from its file if that is given."""
+    return None if given is None else loaded_track(given)
+
+
+def loaded_track(track: AnyTrack) -> Track:
+    """Return a track, read from its file or table."""
+    if isinstance(track, Track):
+        return track
+    if column_names(track) is None:
+        give = "the path of a log, a table with time_s and x_m, y_m, or Track(time_us, position)"
+        expect(track, (str, Path), "track", give)
+    return load_track(track)
+
+
+def odometry_of(given: Odometry | TableData | str | Path | None) -> Odometry | None:
+    """Return odometry, read from its file if that is given."""
+    return given if given is None or isinstance(given, Odometry) else load_odometry(given)
+
+
+_Timed = TypeVar("_Timed", bound=Track | Odometry | None)
+
+
+def of_part(drive: object, readings: _Timed) -> _Timed:
+    """Return readings whose times count from where the part of a recording begins."""
+    start_us = getattr(drive, "cropped_us", 0)
+    if readings is None or not start_us:
+        return readings
+    moved: Any = (
+        readings.shifted(-start_us / 1e6)
+        if isinstance(readings, Track)
+        else replace(readings, time_us=readings.time_us - start_us)
+    )
+    return moved
+
+
+def unix_start(drive: object) -> int:
+    """Return where a whole recording begins on its clock, if that counts from 1970; else 0."""
+    start_us = int(getattr(drive, "start_us", 0)) - int(getattr(drive, "cropped_us", 0))
+    return start_us if start_us >= UNIX_US else 0
+
+
+def check_reading(changes: Mapping[str, Any], by: str) -> None:
+    """Refuse, among settings, what says how a file is read."""
+    for name in changes.keys() & signature(open_recording).parameters:
+        raise UsageError(
+            f"{by}: {name} is no setting, and says how a recording is read: give "
+            f"open_recording(recording, {name}={changes[name]!r}) in its place"
+        )
