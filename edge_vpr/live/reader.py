@@ -1,4 +1,4 @@
-"""Reading of a link: a bounded buffer for a late caller, and opening again."""
+"""Reading of a link by a thread: a bounded queue of pieces of bytes, and opening again."""
 
 from __future__ import annotations
 
@@ -12,19 +12,11 @@ from typing import NamedTuple
 
 from edge_vpr.live.links import AbsentLink, Link, LinkAbsent, LinkClosed, LinkError
 
-# While the caller keeps up it reads the link itself, which saves a thread switch per match. A
-# thread of the reader checks every `_HELP_S` whether the caller is late, and then reads in its
-# place until the caller is back. Until then the system buffers the bytes: 64 KiB for a serial line,
-# which are 54 ms at 12 Mbaud.
-
-
-#: Size of the buffer: 0.9 s of a line of 12 Mbaud.
+#: Size of the queue: 0.9 s of a line of 12 Mbaud.
 BUFFER_BYTES = 1 << 20
 #: When bytes have waited for this time, they and all later waiting bytes are dropped.
 MAX_LAG_S = 0.5
 _WAIT_S = 0.1
-#: A caller that has not come back for this time is late.
-_HELP_S = 0.02
 #: Interval at which the system's count of errors is read.
 _LOOK_S = 0.25
 _FIRST_RETRY_S, _LAST_RETRY_S = 0.25, 1.0
@@ -40,7 +32,7 @@ class Chunk(NamedTuple):
 
 
 class LinkReader:
-    """Reads a link for one caller; while the caller is late, a thread reads.
+    """Reads a link by a thread, for one caller.
 
     Parameters
     ----------
@@ -54,7 +46,7 @@ class LinkReader:
         Open a live link again when it is disconnected, and wait for one that is absent at first;
         else, and for files and pipes, that is the end.
     drop : bool or None
-        When the buffer is full or its oldest bytes have waited for `max_lag_s`, drop all of it, so
+        When the queue is full or its oldest bytes have waited for `max_lag_s`, drop all of it, so
         that no bytes are missing within what follows; else let the link wait. None: drop if live.
     buffer_bytes : int
         Most bytes that wait for the caller.
@@ -95,13 +87,7 @@ class LinkReader:
         self.lost_link = ""
         # held while sending and while closing, so that nothing is sent to a closed link
         self._send_lock = threading.Lock()
-        # whether the caller reads; changed only under the lock that is held for reading
-        self._caller_reads, self._read_lock = False, threading.Lock()
-        self._caller_waits = False  # whether the caller waits, and could read itself
-        self._left_s = time.monotonic()  # time at which the caller left with bytes
-        self._failure: Exception | None = None  # error while reading
         self._reopened = False  # whether the link was reopened before the next bytes
-        self._wake = threading.Event()  # set to end a pause of the thread
         self._errors_before = 0  # line errors of the links before this one
         self._dead_since_s = math.inf  # when the link was disconnected, while it is
         self._dead_s = 0.0
@@ -121,40 +107,8 @@ class LinkReader:
 
         A late host gets fewer and longer pieces, and so catches up with the link.
         """
-        end = time.monotonic() + timeout
-        self._left_s = math.inf
-        chunk, left = None, timeout
-        while chunk is None and left >= 0 and not self._ended:
-            # first the reader, then the waiting bytes: the thread has stored all that it read
-            if self._caller_reads and not self._chunks:
-                chunk = self._read_directly(min(left, _WAIT_S))
-            else:
-                chunk = self._read_by_thread(left)
-            left = end - time.monotonic()
-        if chunk is None:
-            chunk = self._read_by_thread(0)
-        self._left_s = time.monotonic()
-        return chunk
-
-    def _read_directly(self, timeout: float) -> Chunk | None:
-        with self._read_lock:
-            if not self._caller_reads or self._chunks:
-                return None
-            try:
-                data = self._link.read(timeout)
-                return self._chunk(self._link, data) if data else None
-            except Exception as error:
-                # the thread has to open the link again, or has to end
-                self._failure, self._caller_reads = error, False
-                self._wake.set()
-                return None
-
-    def _read_by_thread(self, timeout: float) -> Chunk | None:
         with self._changed:
-            if not self._chunks and not self._ended and timeout > 0:
-                self._caller_waits = True
-                self._changed.wait(timeout)
-                self._caller_waits = False
+            self._changed.wait_for(lambda: self._chunks or self._ended, timeout)
             if not self._chunks:
                 return None
             first = self._chunks.popleft()
@@ -204,7 +158,6 @@ class LinkReader:
     def stop(self) -> None:
         """Stop reading and close the link; returns within about a second."""
         self._stopping.set()
-        self._wake.set()
         with self._changed:
             self._changed.notify_all()
         self._thread.join(timeout=2)
@@ -237,8 +190,6 @@ class LinkReader:
             self.error = error
         finally:
             self._dead_s, self._dead_since_s = self.dead_s, math.inf
-            with self._read_lock:  # the caller is not reading the closed link
-                self._caller_reads = False
             with contextlib.suppress(LinkError):
                 self._send(link, self._teardown)
             self._close(link)
@@ -253,32 +204,10 @@ class LinkReader:
             if time.monotonic() >= look:
                 look = time.monotonic() + _LOOK_S
                 self._look_at_errors(link)
-            if self._caller_reads:
-                self._watch_caller()
-                continue
             data = link.read(_WAIT_S)
             if data:
-                self._put(self._chunk(link, data), drop)
-            if self._caller_waits:
-                self._wake.clear()
-                self._caller_reads = True
-                with self._changed:
-                    self._changed.notify_all()
-
-    def _chunk(self, link: Link, data: bytes) -> Chunk:
-        reopened, self._reopened = self._reopened or link.stream_changed(), False
-        return Chunk(data, time.monotonic(), 0, reopened)
-
-    def _watch_caller(self) -> None:
-        """Pause; then read in the place of a late caller, and raise an error that it found."""
-        self._wake.wait(_HELP_S)
-        late = time.monotonic() - self._left_s > _HELP_S
-        if late and self._read_lock.acquire(blocking=False):
-            self._caller_reads = False
-            self._read_lock.release()
-        if self._failure is not None:
-            failure, self._failure = self._failure, None
-            raise failure
+                reopened, self._reopened = self._reopened or link.stream_changed(), False
+                self._put(Chunk(data, time.monotonic(), 0, reopened), drop)
 
     def _put(self, piece: Chunk, drop: bool) -> None:
         with self._changed:

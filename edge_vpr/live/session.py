@@ -454,8 +454,6 @@ class LiveSession:
     def poll(self) -> list[LiveMatch]:
         """Return the matches that are ready, without waiting.
 
-        Call it at least every 20 ms, or a thread of the session has to read in between.
-
         Raises
         ------
         LinkError

@@ -454,18 +454,7 @@ def fed(pipe, reader, number):
         assert reader.take(5).data == bytes([i])
 
 
-def test_a_caller_in_time_reads_the_link_itself():
-    pipe = Pipe()
-    reader = LinkReader(lambda: pipe)
-    assert reader.take(0.3) is None  # by now the thread has seen that somebody waits
-    fed(pipe, reader, 20)
-    reader.stop()
-    own = pipe.readers.count(threading.current_thread())
-    # on a busy machine it may once be late
-    assert own >= 10
-
-
-def test_while_its_caller_is_late_the_thread_reads_and_nothing_is_lost_or_changes_places():
+def test_whatever_the_caller_does_the_thread_reads_and_nothing_is_lost_or_changes_places():
     pipe = Pipe()
     reader = LinkReader(lambda: pipe)
     rng, sent, found = random.Random(5), [], []
@@ -484,7 +473,7 @@ def test_while_its_caller_is_late_the_thread_reads_and_nothing_is_lost_or_change
         found.append(chunk.data)
     assert b"".join(found) == b"".join(sent)
     reader.stop()
-    assert {threading.current_thread(), reader._thread} == set(pipe.readers)
+    assert len(set(pipe.readers)) == 1
 
 
 def test_what_waited_while_the_caller_was_away_for_long_is_dropped_and_counted():
