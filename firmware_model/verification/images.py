@@ -111,8 +111,8 @@ def deep_draft(depth: int) -> Draft:
 
 #: number of logarithms in an image
 _LEVELS = len(LEVELS)
-#: largest activity, cost and logarithm that an image may have
-_ACTIVITY, _COST, _LEVEL = 0x7FFF_FF00, 120, LEVEL_TOP
+#: words whose range is the same in every design that has them, and 0 in others
+_OF_FILTER = (Word.RESTART, Word.TRUST, Word.ACTIVITY)
 
 
 def adaptive(**changes: object) -> Draft:
@@ -144,10 +144,9 @@ def accepted_adaptive() -> Named:
     yield "filter_at_half_windows", adaptive(places_per_window=2).pack()
     yield "filter_alone", adaptive(code="counts").pack()
     yield "contrast_of_sequences", adaptive(**_SEQUENCES).pack()
-    yield from each(_adaptive_words, "restart", 0, _COST)
-    yield from each(_adaptive_words, "trust", 0, 0x170)
-    yield from each(_adaptive_words, "activity", 0, _ACTIVITY)
-    yield "level_at_its_limit", adaptive().poke(Table.LEVEL, "H", 3, _LEVEL).pack()
+    for word in _OF_FILTER:
+        yield from each(_adaptive_words, word.name.lower(), word.least, word.most)
+    yield "level_at_its_limit", adaptive().poke(Table.LEVEL, "H", 3, LEVEL_TOP).pack()
     yield "padding_behind_the_means", adaptive().poke(Table.MEAN, "H", 6, 0xFFFF).pack()
     yield "padding_behind_the_limits", adaptive().poke(Table.LIMITS, "H", 6, 0xFFFF).pack()
     yield "limit_at_its_limit", adaptive().poke(Table.LIMITS, "H", 5, 1023).pack()
@@ -155,7 +154,7 @@ def accepted_adaptive() -> Named:
     yield "seven_gains", adaptive(gains=7).pack()
     yield "seven_gains_at_half_places", adaptive(gains=7, places_per_window=2).pack()
     yield "largest_biased_distance", _filter_of(256).pack()
-    yield "mean_at_its_limit", adaptive().poke(Table.MEAN, "H", 5, _LEVEL).pack()
+    yield "mean_at_its_limit", adaptive().poke(Table.MEAN, "H", 5, LEVEL_TOP).pack()
     wide = adaptive(code_bits=8)
     yield "eight_bits_of_contrast", wide.pack()
     one = adaptive().header(code_bits=1)
@@ -188,20 +187,20 @@ def refused_adaptive() -> Named:
     yield "biased_distance_beyond", _filter_of(257).pack()
     yield from each(_adaptive_words, "places_per_window", 3, 0xFFFF_FFFF, 0)
     yield from each(_adaptive_words, "length", 2, 6)
-    yield _adaptive_words(restart=_COST + 1)
-    yield _adaptive_words(trust=0x171)
+    for word in _OF_FILTER:
+        yield from each(_adaptive_words, word.name.lower(), word.most + 1, 0xFFFF_FFFF)
     yield from each(_adaptive_words, "contrast", 2, 0x100)
     plain = adaptive(code="counts")
     yield "contrast_of_counts", plain.header(contrast=1).pack()
     yield "contrast_of_sequences_of_counts", base().header(contrast=1).pack()
     yield from each(_adaptive_words, "code_bits", 0, 1, 9, 33)
-    yield from each(_adaptive_words, "activity", _ACTIVITY + 1, 0xFFFF_FFFF)
     # header words of parts that the design does not have must be zero
-    for word in ("restart", "trust", "activity", "gains"):
-        yield f"sequences_with_{word}", base().header(**{word: 1}).pack()
+    for word in (*_OF_FILTER, Word.GAINS):
+        name = word.name.lower()
+        yield f"sequences_with_{name}", base().header(**{name: 1}).pack()
     for name, table, count, most in (
-        ("level", Table.LEVEL, _LEVELS, _LEVEL),
-        ("mean", Table.MEAN, 6, _LEVEL),
+        ("level", Table.LEVEL, _LEVELS, LEVEL_TOP),
+        ("mean", Table.MEAN, 6, LEVEL_TOP),
         ("limit", Table.LIMITS, 6, 1023),
     ):
         for which, at in (("first", 0), ("last", count - 1)):
