@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from edge_vpr.compile_report import kernels_shown
-from edge_vpr.descriptors.cleaning import BurstFilter, CausalBurstFilter
+from edge_vpr.descriptors.cleaning import BurstFilter
 from edge_vpr.descriptors.counting import cleaned
 from edge_vpr.errors import EdgeVprError
 from edge_vpr.events import Events, Sensor, make_events
@@ -145,7 +145,7 @@ def matching_steps(reference: ReferenceMap, *, odometry: bool = False) -> list[W
 def localising_steps(
     reference: ReferenceMap,
     every: str | MatchSchedule | None,
-    bursts: BurstFilter | CausalBurstFilter,
+    bursts: BurstFilter,
     *,
     odometry: bool = False,
 ) -> list[WarmUpStep]:
@@ -155,7 +155,7 @@ def localising_steps(
     ----------
     every : str or MatchSchedule or None
         When to give a match.
-    bursts : BurstFilter or CausalBurstFilter
+    bursts : BurstFilter
         A new one, which is used up.
     odometry : bool
         Whether readings of an odometer are to come.

@@ -91,18 +91,6 @@ def without_bursts(
     return [event for event in events if event[0] // slot_us not in removed]
 
 
-def without_bursts_so_far(events, slot_us, pixels, share):
-    """Drop each event at which more than `share` of all pixels have fired in its slot and the one
-    before it, counted up to this event."""
-    kept = []
-    for i, event in enumerate(events):
-        slot = event[0] // slot_us
-        seen = {e[1:3] for e in events[: i + 1] if e[0] // slot_us in (slot - 1, slot)}
-        if len(seen) * share[1] <= pixels * share[0]:
-            kept.append(event)
-    return kept
-
-
 def hot_pixels(totals: Matrix, factor: int) -> list[Pixel]:
     """Pixels with more than `factor` times the events of their neighbourhood, and of the mean.
 

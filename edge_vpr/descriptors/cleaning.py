@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
-from edge_vpr.compiling import SharedState, kernel
+from edge_vpr.compiling import kernel
 from edge_vpr.errors import RecordingError, UsageError, as_path, expect, number_in
-from edge_vpr.events import NO_EVENTS, Events, Sensor, as_events, empty_events, join_events
+from edge_vpr.events import NO_EVENTS, Events, Sensor, as_events, join_events
 from edge_vpr.files import open_input
 
 # Removal of bursts, moments at which most pixels fire at once, from a stream of events.
@@ -164,12 +164,13 @@ class BurstFilter:
 def _newest_slots(t, held, newest):  # type: ignore[no-untyped-def]
     """Assign events to slots by their times, after `held` events in two slots.
 
-    Returns the largest number of events in two neighbouring slots together, and the number of
-    events before the newest two slots. Writes the numbers and sizes of these two to `newest`.
+    Returns the largest number of events in two neighbouring slots together, or in a slot without
+    neighbours, and the number of events before the newest two slots. Writes the numbers and sizes
+    of these two to `newest`.
     """
     before, before_size, last, last_size = newest[0, 0], newest[0, 1], newest[1, 0], newest[1, 1]
     before_at, last_at = 0, before_size
-    most = last_size + (before_size if last == before + 1 else 0)
+    most = max(before_size, last_size + (before_size if last == before + 1 else 0))
     i = 0
     while i < t.size:
         slot = t[i] // BURST_SLOT_US
@@ -222,103 +223,6 @@ def _joined(older: _Slots, newer: _Slots) -> _Slots:
         sizes = [older.size[:-1], older.size[-1:] + newer.size[:1], newer.size[1:]]
         return _Slots(np.concatenate([older.number, newer.number[1:]]), np.concatenate(sizes))
     return _Slots(*map(np.concatenate, zip(older, newer, strict=True)))
-
-
-# Removal of bursts without delay, for live matching.
-
-
-_STATE = np.dtype(
-    [("slot", "<i8"), ("pixels", "<i8"), ("pixels_before", "<i8"), ("removed", "<i8")]
-)
-#: Initial room for events.
-_ROOM = 256
-
-
-class _Fired(NamedTuple):
-    """State of the kernel: the slot in which each pixel last fired, and room for events."""
-
-    fired: npt.NDArray[np.int64]
-    width: int
-    state: npt.NDArray[np.void]
-    room: tuple[npt.NDArray[Any], ...]
-
-
-class CausalBurstFilter:
-    """Removes the events of a burst from the moment at which it is recognised.
-
-    Like `BurstFilter`, it checks whether more than half of all pixels have fired in a slot of 2 ms
-    and the one before it, but it counts only the events so far. No event is delayed. The events of
-    a burst before that moment pass: up to one of half of the pixels, and repeated events of these.
-
-    Parameters
-    ----------
-    sensor : Sensor
-        Without pixels: nothing is removed.
-    """
-
-    #: Time before which all events have left the filter: the largest one, as no event is held.
-    known_us = np.iinfo(np.int64).max
-
-    def __init__(self, sensor: Sensor) -> None:
-        state = np.zeros(1, dtype=_STATE)
-        state["slot"] = -2
-        fired = np.full(sensor.pixels, -2, dtype=np.int64)
-        self._fired = _Fired(fired, sensor.width, state, empty_events(_ROOM).columns)
-        self._shared = SharedState(self._fired)
-
-    @property
-    def removed(self) -> int:
-        """Events removed so far."""
-        return int(self._fired.state["removed"][0])
-
-    def update(self, events: Events) -> Events:
-        """Feed the next events; see `BurstFilter.update`."""
-        if not events.size or not self._fired.fired.size:
-            return events
-        if events.size > self._fired.room[0].size:
-            self._fired = self._fired._replace(room=empty_events(events.size).columns)
-            self._shared = SharedState(self._fired)
-        n = _keep(self._shared.kernel_state, *events.columns)
-        return events if n == events.size else Events(*self._fired.room)[:n].copy()
-
-    def pieces(self, events: Events) -> list[Events]:
-        """See `BurstFilter.pieces`."""
-        kept = self.update(events)
-        return [kept] if kept.size else []
-
-    def advance(self, until_us: int) -> Events:
-        """See `BurstFilter.advance`; nothing is held."""
-        return NO_EVENTS
-
-    def finish(self) -> Events:
-        """See `BurstFilter.finish`; nothing is held."""
-        return NO_EVENTS
-
-
-@kernel
-def _keep(kernel_state, t, x, y, p):  # type: ignore[no-untyped-def]
-    """Copy the events outside of bursts known so far to `_Fired.room`; return their number."""
-    fired, width, states, (t_out, x_out, y_out, p_out) = kernel_state.value
-    s = states[0]
-    slot, pixels, before, n = s["slot"], s["pixels"], s["pixels_before"], 0
-    for i in range(t.size):
-        now = t[i] // BURST_SLOT_US
-        if now != slot:
-            before = pixels if now == slot + 1 else 0
-            slot, pixels = now, 0
-        at = np.int64(y[i]) * width + np.int64(x[i])
-        last = fired[at]
-        if last != now:
-            # a pixel that fired in both slots is counted once
-            before -= last == now - 1
-            pixels += 1
-            fired[at] = now
-        if (pixels + before) * BURST_SHARE[1] <= fired.size * BURST_SHARE[0]:
-            t_out[n], x_out[n], y_out[n], p_out[n] = t[i], x[i], y[i], p[i]
-            n += 1
-    s["slot"], s["pixels"], s["pixels_before"] = slot, pixels, before
-    s["removed"] += t.size - n
-    return n
 
 
 # Hot pixels, which fire without a cause: found by counts, or read from a list.

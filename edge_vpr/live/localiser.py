@@ -9,9 +9,9 @@ import numpy as np
 import numpy.typing as npt
 
 from edge_vpr.archive import Arrays
-from edge_vpr.descriptors.cleaning import BurstFilter, CausalBurstFilter
+from edge_vpr.descriptors.cleaning import BurstFilter
 from edge_vpr.errors import MapError
-from edge_vpr.events import NO_EVENTS, Events, Sensor, join_events
+from edge_vpr.events import NO_EVENTS, Events, join_events
 from edge_vpr.live.losses import LossWatch
 from edge_vpr.live.position import PathPosition
 from edge_vpr.live.protocols import Decoder
@@ -53,9 +53,6 @@ class LiveLocaliser:
         Without a map, events are decoded but not matched.
     every : MatchSchedule, optional
         When to give a match.
-    causal_bursts : bool
-        Remove bursts, if the map's settings ask for it, without waiting for their end: a match
-        comes 2 ms earlier, and is no longer to the bit that of the recording.
     odometry : bool
         Whether readings of an odometer are to come.
     show : callable
@@ -68,13 +65,14 @@ class LiveLocaliser:
         reference: ReferenceMap | None = None,
         every: MatchSchedule | None = None,
         *,
-        causal_bursts: bool = False,
         odometry: bool = False,
         show: Callable[[str], object] = lambda text: None,
     ) -> None:
         self.decoder = decoder
         self._localiser: Localiser | None = None
-        self._bursts = _burst_filter(reference, causal_bursts)
+        self._bursts: BurstFilter | None = None
+        if reference is not None and reference.settings.remove_bursts:
+            self._bursts = BurstFilter(reference.pixel_map.sensor)
         self._losses = LossWatch(decoder.health)
         self._time = 0  # time that the localiser has reached
         self._dropped = False  # whether the host dropped bytes since the newest event
@@ -90,7 +88,7 @@ class LiveLocaliser:
                 f"the stream is of a {decoder.sensor} sensor and the map of a {sensor} one: "
                 "use the map of this camera"
             )
-        filters = _burst_filter(reference, causal_bursts)
+        filters = BurstFilter(sensor)
         warm_up([*localising_steps(reference, every, filters, odometry=odometry), *steps], show)
         self._localiser = Localiser(reference, every=every)
         self.odometer_check = self._localiser.odometer_check or self.odometer_check
@@ -105,7 +103,7 @@ class LiveLocaliser:
     @property
     def bursts_removed(self) -> int:
         """Events removed as bursts."""
-        return self._bursts.removed
+        return 0 if self._bursts is None else self._bursts.removed
 
     @property
     def filled(self) -> float:
@@ -210,7 +208,8 @@ class LiveLocaliser:
 
     def _come_back(self, localiser: Localiser, early: Events, begin_us: int) -> None:
         """Match what came before a gap, and go on after it; of the gap there are no matches."""
-        for piece in (*self._bursts.pieces(early), self._bursts.finish()):
+        bursts = self._bursts
+        for piece in [early] if bursts is None else [*bursts.pieces(early), bursts.finish()]:
             self._update(localiser, piece, [])
         localiser.skip_ticks(begin_us)
         localiser.advance(begin_us)
@@ -223,10 +222,13 @@ class LiveLocaliser:
         if localiser is None:
             return LiveResult(events, NO_MATCHES, reached)
         found: MatchRows = []
-        for piece in bursts.pieces(events[matched:]):
+        pieces, known = [events[matched:]], reached
+        if bursts is not None:
+            pieces = bursts.pieces(pieces[0])
+            pieces.append(bursts.finish() if last else bursts.advance(reached))
+            known = min(reached, bursts.known_us)
+        for piece in pieces:
             self._update(localiser, piece, found)
-        self._update(localiser, bursts.finish() if last else bursts.advance(reached), found)
-        known = min(reached, bursts.known_us)
         if known > self._time:
             # held events are later than this; the device may have reported that nothing happened
             self._catch_up(localiser, known, found)
@@ -277,11 +279,3 @@ class LiveLocaliser:
         while time_us - self._time > self._most_us:
             self._time += self._most_us
             found.append(localiser.advance(self._time))
-
-
-def _burst_filter(reference: ReferenceMap | None, causal: bool) -> BurstFilter | CausalBurstFilter:
-    """Return what removes bursts live; without pixels, it removes nothing."""
-    if reference is None or not reference.settings.remove_bursts:
-        return CausalBurstFilter(Sensor(0, 0))
-    sensor = reference.pixel_map.sensor
-    return CausalBurstFilter(sensor) if causal else BurstFilter(sensor)

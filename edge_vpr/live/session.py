@@ -153,9 +153,6 @@ class LiveSession:
         longer than a window if matches come at its end.
     odometry : str, optional
         Where the robot sends its odometer, see `open_link`; not a file.
-    burst_filter : {"exact", "causal"}
-        Whether a match waits for the end of a burst, as in a recording, or comes 2 ms earlier and
-        is no longer to the bit that of the recording. It matters to maps that remove bursts.
     record : path or sequence of paths
         Files of the bytes (``.bin``) or of the events (``.npz``, ``.raw``, ...).
     learn : path, optional
@@ -220,7 +217,6 @@ class LiveSession:
         reconnect: bool = True,
         heartbeat: str | None = None,
         odometry: str | None = None,
-        burst_filter: Literal["exact", "causal"] = "exact",
         record: str | Path | Sequence[str | Path] = (),
         learn: str | Path | None = None,
         state: str | Path | None = None,
@@ -234,8 +230,6 @@ class LiveSession:
     ) -> None:
         expect(protocol, str, "protocol", "its name, such as 'edvs'")
         _check_odometry(odometry)
-        if burst_filter not in ("exact", "causal"):
-            raise UsageError(f"burst_filter={burst_filter!r}: expected 'exact' or 'causal'")
         if on_overload not in (None, "drop", "wait"):
             raise UsageError(f"on_overload={on_overload!r}: expected 'drop', 'wait' or None")
         map_file = reference if isinstance(reference, str | Path) else None
@@ -255,7 +249,6 @@ class LiveSession:
             self._locator = Locator(self.reference)
             self._every = MatchSchedule.parse(every, self.reference.settings)
         self._settings = chosen if isinstance(chosen, Settings) else resolve_settings(chosen)
-        self._causal = burst_filter == "causal"
         self._drop = None if on_overload is None else on_overload == "drop"
         self._open_link, reopens = link_opener(link, baud or self.decoder.baud, flow_control)
         self._address, self._odometry = str(link), odometry
@@ -342,7 +335,7 @@ class LiveSession:
         with compiling_reported(lambda text: self._say("compiling", text + COMPILE_ALL)):
             self._live = LiveLocaliser(
                 self.decoder, self.reference, self._every,
-                causal_bursts=self._causal, odometry=self._odometry is not None, show=progress,
+                odometry=self._odometry is not None, show=progress,
             )  # fmt: skip
             if self._state is not None and self.reference is not None:
                 warm_up(state_steps(self.reference, self._every), progress)

@@ -8,7 +8,7 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from numba import config
 
-from edge_vpr.descriptors.cleaning import CausalBurstFilter
+from edge_vpr.descriptors.cleaning import BurstFilter
 from edge_vpr.events import Sensor, join_events, make_events
 from edge_vpr.live.localiser import JUMP_US, MOST_TICKS, LiveLocaliser
 from edge_vpr.live.losses import LOSS_STEP_US
@@ -32,7 +32,7 @@ class Separate:
 
     def __init__(self, protocol, reference, every):
         self.decoder, self.reference = open_decoder(protocol, SENSOR), reference
-        self.bursts = CausalBurstFilter(SENSOR) if reference.settings.remove_bursts else None
+        self.bursts = BurstFilter(SENSOR) if reference.settings.remove_bursts else None
         self.localiser = Localiser(reference, every=every)
         self.jump_us = max(JUMP_US, MOST_TICKS * every.interval_us or 1 << 62)
         self.time, self.dropped = 0, False
@@ -48,16 +48,20 @@ class Separate:
         events = join_events([*parts, newest])
         return events, self.match(events, self.decoder.reached_us)
 
-    def match(self, events, reached):
-        localiser, matches = self.localiser, []
-        kept = events if self.bursts is None else self.bursts.update(events)
+    def match(self, events, reached, *, last=False):
+        localiser, bursts, matches = self.localiser, self.bursts, []
+        kept, known = events, reached
+        if bursts is not None:
+            held = [bursts.update(event) for event in split_events(events, range(1, events.size))]
+            held.append(bursts.finish() if last else bursts.advance(reached))
+            kept, known = join_events(held), min(reached, bursts.known_us)
         for i in range(kept.size):
             self.come_to(int(kept["t"][i]))
             matches.append(localiser.update(kept[i : i + 1]))
-        if reached > self.time:
-            self.come_to(reached)
-            if localiser.next_match_us <= reached and localiser.every.interval_us:
-                matches.append(localiser.advance(reached))
+        if known > self.time:
+            self.come_to(known)
+            if localiser.next_match_us <= known and localiser.every.interval_us:
+                matches.append(localiser.advance(known))
         self.log.append((reached, self.losses()))
         return np.concatenate(matches) if matches else np.empty(0)
 
@@ -167,7 +171,7 @@ def test_a_stream_gives_the_results_of_its_events_whatever_comes_and_however_it_
 ):
     rng = np.random.default_rng(seed)
     reference = a_map(rng, kind, window, remove_bursts)
-    live = LiveLocaliser(open_decoder(device, SENSOR), reference, every, causal_bursts=True)
+    live = LiveLocaliser(open_decoder(device, SENSOR), reference, every)
     separate = Separate(device, reference, every)
     sent = a_stream(rng, device)
     for data in cut(rng, sent, whole):
@@ -183,7 +187,7 @@ def test_a_stream_gives_the_results_of_its_events_whatever_comes_and_however_it_
     assert live.bursts_removed == (separate.bursts.removed if remove_bursts else 0)
     last = live.finish()
     ended = separate.decoder.finish()
-    matches = separate.match(ended, separate.decoder.reached_us)
+    matches = separate.match(ended, separate.decoder.reached_us, last=True)
     assert last.events.tolist() == ended.tolist()
     assert last.matches.tobytes() == matches.tobytes()
     check_state(live._localiser)
@@ -198,7 +202,7 @@ def test_time_of_dropped_bytes_has_no_matches_if_the_next_piece_has_no_whole_eve
     later.t += 100_000
     encoder = open_encoder("evt2", SENSOR)
     before, after = (encoder.encode(each) for each in (begun, later))
-    live = LiveLocaliser(open_decoder("evt2", SENSOR), reference, every, causal_bursts=True)
+    live = LiveLocaliser(open_decoder("evt2", SENSOR), reference, every)
     live.feed(before, 0)
     pieces = [after[:first], after[first:]] if first else [after]
     found = [live.feed(piece, 0, dropped=100 * (not i)).matches for i, piece in enumerate(pieces)]
@@ -220,7 +224,7 @@ def test_frames_one_by_one_and_all_at_once_give_the_same(kind):
     results = []
     for pieces in (frames, [b"".join(frames)]):
         decoder = open_decoder("evpr", SENSOR)
-        live = LiveLocaliser(decoder, reference, every, causal_bursts=True)
+        live = LiveLocaliser(decoder, reference, every)
         steps = [live.feed(piece, 0) for piece in pieces]
         results.append(
             [np.concatenate(each).tobytes() for each in list(zip(*steps, strict=True))[:2]]

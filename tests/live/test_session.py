@@ -814,7 +814,6 @@ def test_a_session_is_used_once(route):
         ({"protocol": "x"}, "choose one of evpr"),
         ({"link": 3.5}, "expected a port such as"),
         ({"link": b"/dev/ttyACM0"}, "expected a port such as"),
-        ({"burst_filter": "none"}, "expected 'exact' or 'causal'"),
         ({"on_overload": "cry"}, "expected 'drop', 'wait' or None"),
         ({"heartbeat": "often"}, "expected a time such as"),
         ({"heartbeat": 0.5}, "heartbeat is a float (0.5): give a text"),

@@ -99,7 +99,7 @@ RUNS = [
     (f"{STREAM} --map {{f}}/map.npz --once --log {{f}}/run.jsonl --overwrite -L 3 "
      "--exclusion 1", 0),
     (f"{STREAM} --map {{f}}/filter_map.npz --once --odometry udp://127.0.0.1:0", 0),
-    (f"{STREAM} --map {{f}}/filter_map.npz --once --burst-filter causal {FILTER}", 0),
+    (f"{STREAM} --map {{f}}/filter_map.npz --once {FILTER}", 0),
     (f"{STREAM} --map {{f}}/map.npz --once --http 0 --status-every 2s", 0),
     # a broker that is not there: the run goes on; 2: the library is an extra
     (f"{STREAM} --map {{f}}/filter_map.npz --once --smooth", 2),

@@ -13,12 +13,12 @@ import time
 from edge_vpr import LiveSession, MatchSchedule
 
 
-def run(port: str, map_path: str, every_us: int, burst_filter: str) -> None:
+def run(port: str, map_path: str, every_us: int) -> None:
     """Match what comes on the line until it is closed."""
     had: list[dict[str, float]] = []
     with LiveSession(
         port, protocol="evpr", reference=map_path, every=MatchSchedule(interval_us=every_us),
-        burst_filter=burst_filter, reconnect=False, heartbeat="50ms",
+        reconnect=False, heartbeat="50ms",
     ) as session:  # fmt: skip
         for match in session:
             if match.place >= 0:
@@ -31,4 +31,4 @@ def run(port: str, map_path: str, every_us: int, burst_filter: str) -> None:
 
 
 if __name__ == "__main__":
-    run(sys.argv[1], sys.argv[2], int(sys.argv[3]), sys.argv[4])
+    run(sys.argv[1], sys.argv[2], int(sys.argv[3]))

@@ -86,7 +86,7 @@ class Watched:
         self._reader.join(timeout=10)
 
 
-def soak(protocol: str, minutes: float, baud: int, every: str, burst_filter: str) -> dict[str, Any]:
+def soak(protocol: str, minutes: float, baud: int, every: str) -> dict[str, Any]:
     """Run once; return what was seen."""
     rng = np.random.default_rng(0)
     sensor = SENSORS.get(protocol.partition(":")[0], Sensor(346, 260))
@@ -103,7 +103,6 @@ def soak(protocol: str, minutes: float, baud: int, every: str, burst_filter: str
         words = ["stream", "--port", link.address, "--baud", str(baud), "--map", str(path)]
         host = "evpr" if protocol.startswith("evpr") else protocol  # frames state their form
         words += ["--protocol", host, "--json", "--every", every]
-        words += ["--burst-filter", burst_filter]
         watched = Watched(words)
         bridge = Bridge(link, encoder)
         bridge.wait_for_host()
@@ -118,9 +117,9 @@ def soak(protocol: str, minutes: float, baud: int, every: str, burst_filter: str
     return {"protocol": protocol, "every": every, "cpu_s": cpu, **seen, **seen_later}
 
 
-def a_map(rng: np.random.Generator, sensor: Sensor) -> ReferenceMap:
+def a_map(rng: np.random.Generator, sensor: Sensor, *, remove_bursts: bool = True) -> ReferenceMap:
     """Make a map of 1,000 places of 100 ms at 150 pixels."""
-    settings = Settings(pixels=150, tau_us=100_000, sequence_length=4)
+    settings = Settings(pixels=150, tau_us=100_000, sequence_length=4, remove_bursts=remove_bursts)
     flat = rng.choice(sensor.pixels, settings.pixels, replace=False)
     times = np.arange(PLACES + 1) * settings.tau_us
     counts = rng.poisson(3, (PLACES, settings.pixels)).astype(np.uint8)
@@ -193,9 +192,8 @@ def main() -> None:
     parser.add_argument("--minutes", type=float, default=10)
     parser.add_argument("--baud", type=int, default=12_000_000)
     parser.add_argument("--every", default="50ms")
-    parser.add_argument("--burst-filter", default="exact", choices=("exact", "causal"))
     args = parser.parse_args()
-    seen = soak(args.protocol, args.minutes, args.baud, args.every, args.burst_filter)
+    seen = soak(args.protocol, args.minutes, args.baud, args.every)
     # the first tenth is the start
     memory = np.array(seen["memory"])[len(seen["memory"]) // 10 :] / 1e6
     half, most, worst = seen["latency_ms"]

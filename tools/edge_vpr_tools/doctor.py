@@ -118,8 +118,7 @@ def _run(
         return  # for recordings only
     decoder = open_decoder("evpr", first.sensor)
     schedule = MatchSchedule(interval_us=50_000)
-    for causal_bursts in (False, True):
-        LiveLocaliser(decoder, reference, schedule, causal_bursts=causal_bursts).finish()
+    LiveLocaliser(decoder, reference, schedule).finish()
     if settings.matching == "filter":
         metred = replace(reference, odometer_mm=np.arange(len(reference), dtype=np.int64))
         bursts = BurstFilter(first.sensor)

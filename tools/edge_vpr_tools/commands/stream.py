@@ -111,11 +111,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="keep what matching knows of the drive in this file, and go on from it when started "
         "again within a minute (ten, where times have a checksum)",
     )  # fmt: skip
-    places.add_argument(
-        "--burst-filter", choices=("exact", "causal"), default="exact",
-        help="exact: delay events by up to 4 ms and remove the same bursts as in a recording; "
-        "causal: do not delay, and remove a burst only from the moment it is recognised",
-    )  # fmt: skip
     line.add_argument(
         "--odometry", metavar="PORT",
         help="where the robot sends its odometer: a serial port of 115,200 baud, tcp://HOST:PORT, "
@@ -233,7 +228,7 @@ def run(args: argparse.Namespace) -> None:
     session = LiveSession(
         args.port, protocol=args.protocol, reference=reference, every=args.every,
         sensor=args.sensor, baud=args.baud, flow_control=args.flow_control,
-        reconnect=not args.once, odometry=args.odometry, burst_filter=args.burst_filter,
+        reconnect=not args.once, odometry=args.odometry,
         record=args.record, learn=args.output, settings=learnt_with,
         overwrite=args.overwrite, on_overload=args.on_overload, max_lag=args.max_lag,
         max_age=args.max_age, state=args.state,
