@@ -40,9 +40,9 @@ from .match_result import MatchResult as MatchResult
 from .matching.distances import ReferenceIndex as ReferenceIndex
 from .matching.distances import distance_matrix as distance_matrix
 from .matching.drive import match_descriptors as match_descriptors
+from .matching.match import MATCH_DTYPE as MATCH_DTYPE
 from .matching.matches import Matches as Matches
 from .online.localiser import Localiser as Localiser
-from .online.runs import MATCH_DTYPE as MATCH_DTYPE
 from .online.schedule import MatchSchedule as MatchSchedule
 from .recordings import Recording as Recording
 from .recordings import open_recording as open_recording

@@ -15,8 +15,8 @@ from edge_vpr.events import NO_EVENTS, Events, Sensor, join_events
 from edge_vpr.live.losses import LossWatch
 from edge_vpr.live.position import PathPosition
 from edge_vpr.live.protocols import Decoder
+from edge_vpr.matching.match import NO_MATCHES, MatchRows, join_matches
 from edge_vpr.online.localiser import Localiser
-from edge_vpr.online.runs import NO_MATCHES, MatchRows, join_matches
 from edge_vpr.online.schedule import MatchSchedule
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.route import OdometerCheck
@@ -184,7 +184,7 @@ class LiveLocaliser:
             Of JSON.
         """
         assert self._localiser is not None
-        run = self._localiser.run
+        run = self._localiser
         arrays = {name: array.copy() for name, array in run.to_arrays().items() if name != "places"}
         values = {
             "now_us": run.now_us, "floor_us": run.floor_us, "time_us": self._time,

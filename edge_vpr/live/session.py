@@ -31,7 +31,7 @@ from edge_vpr.live.reader import LinkReader
 from edge_vpr.live.recorder import Recorder, check_recorded
 from edge_vpr.live.state import StateFile, check_state_file, state_steps
 from edge_vpr.live.watches import SILENT_S, LagWatch, LineWatch, MisfitWatch
-from edge_vpr.online.runs import MatchRow
+from edge_vpr.matching.match import MatchRow
 from edge_vpr.online.schedule import MatchSchedule
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.results import check_new_file, check_new_map

@@ -95,8 +95,8 @@ def state_steps(reference: ReferenceMap, every: MatchSchedule | None) -> list[Wa
     """Return the warm-up of keeping a state and of going on from it."""
 
     def keep_and_resume() -> None:
-        run = Localiser(reference, every=every).run
-        Localiser(reference, every=every).run.resume(run.to_arrays(), run.now_us, run.floor_us)
+        kept = Localiser(reference, every=every)
+        Localiser(reference, every=every).resume(kept.to_arrays(), kept.now_us, kept.floor_us)
 
     return [WarmUpStep("state", keep_and_resume)]
 
@@ -123,7 +123,7 @@ def read_state(path: Path, localiser: Localiser, checksum: str) -> Resumable | s
         with archive_errors(path, "delete it", KIND):
             if values["of"] != checksum:
                 return "it is of another map, of other settings or of another edge-vpr"
-            localiser.run.resume(arrays, values["now_us"], values["floor_us"])
+            localiser.resume(arrays, values["now_us"], values["floor_us"])
     except EdgeVprError:
         return "it is damaged, or is no state, or cannot be read"
     return Resumable(localiser, values)

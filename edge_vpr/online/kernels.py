@@ -1,14 +1,11 @@
 """Kernels of the localiser, which match after every event.
 
-`process_events` is the one that a `MatchRun` calls.
+`process_events` is the one that a `Localiser` calls.
 """
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import numpy as np
-import numpy.typing as npt
 
 from edge_vpr.compiling import kernel
 from edge_vpr.confidence import NO_MISFIT, accept_match
@@ -36,6 +33,7 @@ from edge_vpr.online.sliding_windows import (
     take_moves,
     write_distances_of_sums,
 )
+from edge_vpr.online.state import OnlineState
 from edge_vpr.online.sums import least_in, ties_behind
 from fixedpoint.activity import SUMS
 
@@ -224,84 +222,6 @@ def check_order(events: Events, floor_us: int, sensor: Sensor) -> None:
             f"an event at {last} us lies beyond {TIME_LIMIT_US} us: check the unit of its clock"
         )
     check_events(events, sensor)
-
-
-# The state of a localiser's kernel, in one tuple.
-
-
-#: Initial capacity for the events of a chunk.
-CHUNK_EVENTS = 4_096
-#: A time later than the end of any window.
-NEVER = np.iinfo(np.int64).max
-
-#: Control of the kernel; times in microseconds.
-CONTROL = np.dtype(
-    [
-        # when to match, see `MatchSchedule`
-        ("every", "<i8"),
-        ("interval", "<i8"),
-        ("change", "<i8"),
-        ("next_tick", "<i8"),  # time of the next match by the interval
-        ("last_reported", "<i8"),  # place of the last match
-        # search
-        ("exclusion", "<i8"),  # of sequences: width of the zone around the best place
-        ("least_trust", "<i8"),  # of a match that is accepted
-        # place filter
-        ("windows", "<i8"),  # windows that a match compares
-        ("window_end", "<i8"),  # end of the current window; `NEVER` with sequences
-        ("paused", "<i8"),  # whether the window that ended last was a pause
-        # events
-        ("floor", "<i8"),  # earliest time that the next event may have
-        ("now", "<i8"),  # T: all earlier events have been processed, except for these:
-        ("read", "<i8"),  # first selected event of the chunk that is not processed yet
-        ("selected", "<i8"),  # number of selected events of the chunk
-        ("until", "<i8"),  # time of the last event of the chunk, to which the time advances
-    ]
-)
-
-
-class OnlineState(NamedTuple):
-    """State of the kernel `process_events`.
-
-    Attributes
-    ----------
-    windows : SlidingWindows
-        Counters of the newest windows, and their distances to all places.
-    filter : FilterState or None
-        Arrays shared with the `PlaceFilter`; None with sequences, as are the next two.
-    filter_table : FilterTable or None
-        See `Transitions`.
-    rows : WindowRows or None
-        Scratch of the place filter, for one window.
-    length : int or None
-        L of sequences; None with the place filter.
-    limits : ndarray of int64, shape (J,)
-        Largest number of events of each pixel that counts in a window, of the place filter.
-    control : ndarray of CONTROL, shape (1,)
-        Numbers of the kernel.
-    trust_steps, probability_steps : ndarray of int64 and float64, shape (m,)
-        `trust` and `probability` of `edge_vpr.confidence.Confidence`; m is 0 if it is unknown.
-    table : ndarray of int16 or int32, shape (height, width)
-        See `PixelMap.table`.
-    slots, times : ndarray of int32 and int64, shape (CHUNK_EVENTS or more,)
-        Selected events of the current chunk.
-    out : ndarray of MATCH_DTYPE, shape (MATCHES_AT_ONCE,)
-        Output of matches.
-    """
-
-    windows: SlidingWindows
-    filter: FilterState | None
-    filter_table: FilterTable | None
-    rows: WindowRows | None
-    length: int | None
-    limits: npt.NDArray[np.int64]
-    control: npt.NDArray[np.void]
-    trust_steps: npt.NDArray[np.int64]
-    probability_steps: npt.NDArray[np.float64]
-    table: npt.NDArray[np.signedinteger]
-    slots: npt.NDArray[np.int32]
-    times: npt.NDArray[np.int64]
-    out: npt.NDArray[np.void]
 
 
 # The kernel of the localiser, which processes events to matches without returning to Python.

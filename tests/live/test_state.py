@@ -100,7 +100,7 @@ def resumed(live, reference, passed_us):
     """A localiser that goes on from the state of another one, so much later."""
     arrays, values = live.to_state()
     localiser = Localiser(reference, every="50ms")
-    localiser.run.resume(arrays, values["now_us"], values["floor_us"])
+    localiser.resume(arrays, values["now_us"], values["floor_us"])
     later = LiveLocaliser(open_decoder("evpr", SENSOR), reference, "50ms")
     later.resume(localiser, values, passed_us)
     return later

@@ -418,8 +418,8 @@ def test_a_causal_burst_filter_gives_a_match_with_the_event_that_it_needs(refere
         for each in live.feed(sent, 0).matches:
             assert last - 10_000 < each["time_us"] <= last
             assert each["time_us"] >= piece["t"][0] - 10_000
-        assert live._localiser.run.next_tick > last  # no tick is behind
-        late += exact._localiser.run.next_tick <= last
+        assert live._localiser.next_tick > last  # no tick is behind
+        late += exact._localiser.next_tick <= last
         exact.feed(sent, 0)
     assert late > 100
 
