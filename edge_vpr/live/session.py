@@ -21,7 +21,6 @@ from edge_vpr.events import Sensor
 from edge_vpr.files import check_output, work_folder
 from edge_vpr.learning import MapUpdate
 from edge_vpr.live.links import link_opener
-from edge_vpr.live.localiser import LiveLocaliser, LiveResult
 from edge_vpr.live.match import LiveMatch, at_age, heartbeat
 from edge_vpr.live.new_map import make_map
 from edge_vpr.live.odometer import DrivenAndMatched, OdometerReader
@@ -30,6 +29,7 @@ from edge_vpr.live.protocols import Health, ProtocolName, open_decoder
 from edge_vpr.live.reader import LinkReader
 from edge_vpr.live.recorder import Recorder, check_recorded
 from edge_vpr.live.state import StateFile, check_state_file, state_steps
+from edge_vpr.live.stream_matcher import LiveResult, StreamMatcher
 from edge_vpr.live.watches import SILENT_S, LagWatch, LineWatch, MisfitWatch
 from edge_vpr.matching.match import MatchRow
 from edge_vpr.online.schedule import MatchSchedule
@@ -340,7 +340,7 @@ class LiveSession:
                 self._say("compiling", text)
 
         with compiling_reported(lambda text: self._say("compiling", text + COMPILE_ALL)):
-            self._live = LiveLocaliser(
+            self._matcher = StreamMatcher(
                 self.decoder, self.reference, self._every,
                 causal_bursts=self._causal, odometry=self._odometry is not None, show=progress,
             )  # fmt: skip
@@ -519,15 +519,15 @@ class LiveSession:
         """State of the session now."""
         if not self._opened:
             return LiveStatus(self.health)
-        reader = self._reader
+        reader, filled = self._reader, self._matcher.filled
         return LiveStatus(
-            self.health, self._live.filled, reader.lost_link, reader.dead_s, self._newest_max_age_s
+            self.health, filled, reader.lost_link, reader.dead_s, self._newest_max_age_s
         )
 
     @property
     def bursts_removed(self) -> int:
         """Events removed as bursts."""
-        return self._live.bursts_removed if self._warm else 0
+        return self._matcher.bursts_removed if self._warm else 0
 
     @property
     def unwritten(self) -> str:
@@ -556,9 +556,9 @@ class LiveSession:
         self._heard_s = chunk.at_s
         self._heard_us = int(1e6 * (time.time() - (now - chunk.at_s)))
         if self._state_file is not None:
-            self._state_file.resume(self._live, chunk.at_s, live_line=reader.live)
+            self._state_file.resume(self._matcher, chunk.at_s, live_line=reader.live)
         since_us = int((chunk.at_s - self._begin_s) * 1e6)
-        result = self._live.feed(
+        result = self._matcher.feed(
             chunk.data, since_us, dropped=chunk.dropped, reopened=chunk.reopened
         )
         # before the match is used: a program that fails then has a whole file
@@ -598,7 +598,7 @@ class LiveSession:
             found.append(at_age(match, age_s, self._newest_max_age_s))
             self._given, self._jumps = self._given + 1, jumps
             if self._odometry is not None and match.along_m is not None:
-                driven_m = self._live.odometer_check.distance_mm / 1e3
+                driven_m = self._matcher.odometer_check.distance_mm / 1e3
                 self._ratio.match(row.time_us, driven_m, match.along_m, jumps)
         self._newest = found[-1]
         self.health.odometer_m, self.health.route_m = self._ratio.driven_m, self._ratio.route_m
@@ -620,7 +620,7 @@ class LiveSession:
     def _look(self, step: LiveStep) -> None:
         """Do what remains after a step: odometer and messages."""
         if step.result is not None and self._state_file is not None:
-            self._state_file.keep(self._live, self._heard_s)
+            self._state_file.keep(self._matcher, self._heard_s)
         self._look_at_odometer(time.monotonic())
         self._line.look(nothing_came=step.result is None)
 
@@ -641,9 +641,9 @@ class LiveSession:
 
     def _read_odometer(self, shown_mm: int) -> None:
         """Give a reading to the filter, and report the first leap and an odometer that is stuck."""
-        check = self._live.odometer_check
+        check = self._matcher.odometer_check
         leaps, stuck = check.leaps, check.stuck
-        reading = self._live.read_odometer(shown_mm)
+        reading = self._matcher.read_odometer(shown_mm)
         if check.leaps > leaps == 0:
             self._say(
                 "odometer",
@@ -671,11 +671,11 @@ class LiveSession:
             return LiveStep(None, now, self._new_readings())
         self.decoder.health.cut_off = bool(self._reader.lost_link)
         self.ended = True
-        result = self._live.finish()
+        result = self._matcher.finish()
         self._misfits.look(result.matches["misfit"])
         self._recorder.write_events(result.events)
         if self._state_file is not None:
-            self._state_file.close(self._live, self._heard_s)
+            self._state_file.close(self._matcher, self._heard_s)
         self._stack.close()
         self.decoder.health.line_errors = self._reader.line_errors
         matches = self._matches(result, int(1e6 * time.time()))

@@ -10,9 +10,9 @@ import pytest
 from edge_vpr.descriptors.unseen import UnseenTime
 from edge_vpr.descriptors.windows import FixedCount, FixedTime
 from edge_vpr.events import join_events
-from edge_vpr.live.localiser import LiveLocaliser
 from edge_vpr.live.position import Locator
 from edge_vpr.live.protocols import open_decoder, open_encoder
+from edge_vpr.live.stream_matcher import StreamMatcher
 from edge_vpr.online.schedule import MatchSchedule
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.simulation import simulate_pair
@@ -43,7 +43,7 @@ def live_matches(reference, events, device, restarts, gap_s):
     """Host's time, metres and acceptance of each match of a camera that is away for a while."""
     decoder = open_decoder(device, reference.pixel_map.sensor)
     decoder.live = True
-    live = LiveLocaliser(decoder, reference, MatchSchedule(interval_us=50_000))
+    live = StreamMatcher(decoder, reference, MatchSchedule(interval_us=50_000))
     locator, encoder, begun_us, rows = (
         Locator(reference),
         open_encoder(device, decoder.sensor),

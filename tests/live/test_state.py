@@ -19,10 +19,10 @@ from edge_vpr.errors import UsageError
 from edge_vpr.events import Sensor, join_events
 from edge_vpr.live import state as state_module
 from edge_vpr.live.bridge import Bridge, VirtualLink, open_device_link
-from edge_vpr.live.localiser import LiveLocaliser
 from edge_vpr.live.position import Locator
 from edge_vpr.live.protocols import open_decoder, open_encoder
 from edge_vpr.live.state import KIND, StateWriter
+from edge_vpr.live.stream_matcher import StreamMatcher
 from edge_vpr.online.localiser import Localiser
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.simulation import simulate_pair
@@ -101,7 +101,7 @@ def resumed(live, reference, passed_us):
     arrays, values = live.to_state()
     localiser = Localiser(reference, every="50ms")
     localiser.resume(arrays, values["now_us"], values["floor_us"])
-    later = LiveLocaliser(open_decoder("evpr", SENSOR), reference, "50ms")
+    later = StreamMatcher(open_decoder("evpr", SENSOR), reference, "50ms")
     later.resume(localiser, values, passed_us)
     return later
 
@@ -113,7 +113,7 @@ def test_the_time_in_which_nothing_was_seen_gives_no_matches(count, first, how, 
     """After it, matches miss nothing as soon as their windows begin later, however bytes come."""
     path, events, _ = street
     reference, encoder = ReferenceMap.load(path), open_encoder("evpr", SENSOR)
-    live = LiveLocaliser(open_decoder("evpr", SENSOR), reference, "50ms")
+    live = StreamMatcher(open_decoder("evpr", SENSOR), reference, "50ms")
     for piece in split_events(between(events, 0, 4), 100):
         live.feed(encoder.encode(piece), int(piece["t"][-1]))
     if how == "another run":
@@ -153,7 +153,7 @@ def test_a_robot_that_drove_on_unseen_is_found_again(how, clock, street, tmp_pat
     late = between(events, 17, 22)
     off_us = int(late["t"][0]) if clock == "restarts" else 0
     late.t -= off_us
-    live = LiveLocaliser(open_decoder("evpr", SENSOR), reference)
+    live = StreamMatcher(open_decoder("evpr", SENSOR), reference)
     live.decoder.live = True  # the host's clock says how long a restart took
     for piece in split_events(between(events, 0, 14), 700):
         live.feed(encoder.encode(piece), int(piece["t"][-1]))

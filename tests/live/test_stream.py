@@ -26,11 +26,11 @@ from edge_vpr.descriptors.counting import cleaned
 from edge_vpr.errors import MapError, RecordingError, UsageError
 from edge_vpr.events import Sensor, join_events, make_events
 from edge_vpr.live.bridge import Bridge, LineFaults, open_device_link
-from edge_vpr.live.localiser import LiveLocaliser
 from edge_vpr.live.match import LiveMatch
 from edge_vpr.live.protocols import open_decoder, open_encoder
 from edge_vpr.live.protocols.timestamps import CONFIRM
 from edge_vpr.live.session import LiveStatus, LiveStep
+from edge_vpr.live.stream_matcher import StreamMatcher
 from edge_vpr.map_making import coded_map
 from edge_vpr.online.localiser import Localiser
 from edge_vpr.online.schedule import MatchSchedule
@@ -254,7 +254,7 @@ def test_a_reader_of_lines_learns_that_the_camera_is_silent(drive, tmp_path):
 
 def test_an_overload_is_flagged_until_the_windows_are_whole_again(reference, events):
     sent = open_encoder("evpr:frame=256", SENSOR).encode(events)
-    live = LiveLocaliser(open_decoder("evpr", SENSOR), reference, MatchSchedule(interval_us=10_000))
+    live = StreamMatcher(open_decoder("evpr", SENSOR), reference, MatchSchedule(interval_us=10_000))
     third = len(sent) // 3
     assert not any(live.feed(sent[:third], 0).missing)
     cut = third + 2_000
@@ -282,7 +282,7 @@ def test_the_first_matches_after_a_loss_are_flagged_however_much_comes_at_once(
     before, after = (
         b"".join(frame + b"\0" for frame in part) for part in (frames[:third], frames[third + 9 :])
     )
-    live = LiveLocaliser(open_decoder("evpr", SENSOR), reference, MatchSchedule(interval_us=10_000))
+    live = StreamMatcher(open_decoder("evpr", SENSOR), reference, MatchSchedule(interval_us=10_000))
     assert not any(live.feed(before, 0).missing)
     step = live.feed(after, 0)
     assert step.matches.size > 50  # the windows of the first of them lack what was lost
@@ -347,7 +347,7 @@ def test_a_host_that_is_held_up_goes_on_with_the_newest_and_says_what_is_gone(dr
 def test_a_device_that_sees_nothing_says_so_and_is_matched_all_the_same(reference, events):
     every = MatchSchedule(interval_us=10_000)
     encoder = open_encoder("evpr", SENSOR)
-    live = LiveLocaliser(open_decoder("evpr", SENSOR), reference, every)
+    live = StreamMatcher(open_decoder("evpr", SENSOR), reference, every)
     steps = [live.feed(encoder.start() + encoder.encode(events), 0)]
     last = int(events["t"][-1])
     for now in range(last + 50_000, last + 500_000, 50_000):
@@ -373,7 +373,7 @@ def test_single_events_give_the_matches_of_the_recording(bursts, drive, referenc
     events = join_events(list(open_recording(drive / "query.npz")))[:16_000]
     every = MatchSchedule(interval_us=10_000)
     encoder = open_encoder("evpr", SENSOR)
-    live = LiveLocaliser(open_decoder("evpr", SENSOR), reference, every)
+    live = StreamMatcher(open_decoder("evpr", SENSOR), reference, every)
     steps = [live.feed(encoder.start(), 0)]
     pieces = split_events(events, np.arange(1, events.size))
     steps += [live.feed(encoder.encode(piece), 0) for piece in pieces]
@@ -387,7 +387,7 @@ def test_single_events_give_the_matches_of_the_recording(bursts, drive, referenc
 
 def test_a_loss_between_two_ticks_flags_the_next_match(reference, events):
     encoder, every = open_encoder("evpr", SENSOR), MatchSchedule(interval_us=50_000)
-    live = LiveLocaliser(open_decoder("evpr", SENSOR), reference, every)
+    live = StreamMatcher(open_decoder("evpr", SENSOR), reference, every)
     live.feed(encoder.start() + encoder.encode(events[:20_000]), 0)
     live.feed(encoder.encode(events[20_000:20_010]), 0)
     encoder.encode(events[20_010:20_020])  # lost
@@ -407,8 +407,8 @@ def test_a_loss_between_two_ticks_flags_the_next_match(reference, events):
 
 def test_a_causal_burst_filter_gives_a_match_with_the_event_that_it_needs(reference, events):
     encoder, every = open_encoder("evpr", SENSOR), MatchSchedule(interval_us=10_000)
-    live = LiveLocaliser(open_decoder("evpr", SENSOR), reference, every, causal_bursts=True)
-    exact = LiveLocaliser(open_decoder("evpr", SENSOR), reference, every)
+    live = StreamMatcher(open_decoder("evpr", SENSOR), reference, every, causal_bursts=True)
+    exact = StreamMatcher(open_decoder("evpr", SENSOR), reference, every)
     live.feed(encoder.start(), 0)
     exact.feed(encoder.start(), 0)
     late = 0
@@ -418,8 +418,8 @@ def test_a_causal_burst_filter_gives_a_match_with_the_event_that_it_needs(refere
         for each in live.feed(sent, 0).matches:
             assert last - 10_000 < each["time_us"] <= last
             assert each["time_us"] >= piece["t"][0] - 10_000
-        assert live._localiser.next_tick > last  # no tick is behind
-        late += exact._localiser.next_tick <= last
+        assert live.localiser.next_tick > last  # no tick is behind
+        late += exact.localiser.next_tick <= last
         exact.feed(sent, 0)
     assert late > 100
 
@@ -429,7 +429,7 @@ def test_a_jump_of_the_clock_gives_one_match_and_is_counted(tells, reference, ev
     """One undamaged frame may say anything: 599 s are 1.2 million ticks of 500 us."""
     last, jump_us = int(events["t"][-1]), 599_000_000
     encoder = open_encoder("evpr", SENSOR)
-    live = LiveLocaliser(open_decoder("evpr", SENSOR), reference, MatchSchedule(interval_us=500))
+    live = StreamMatcher(open_decoder("evpr", SENSOR), reference, MatchSchedule(interval_us=500))
     assert not any(live.feed(encoder.start() + encoder.encode(events), 0).missing)
     later = events.copy()
     later.t += last + jump_us
@@ -462,7 +462,7 @@ def test_a_jump_of_the_clock_gives_one_match_and_is_counted(tells, reference, ev
 def test_a_piece_that_spans_millions_of_ticks_is_matched_at_all_of_them(reference):
     events = make_events([0, 700_000, 1_400_000, 1_410_000], [1, 2, 5, 6], [3, 4, 6, 7])
     every = MatchSchedule(interval_us=1)
-    live = LiveLocaliser(open_decoder("evpr", SENSOR), reference, every)
+    live = StreamMatcher(open_decoder("evpr", SENSOR), reference, every)
     step = live.feed(open_encoder("evpr", SENSOR).encode(events), 0)
     assert live.decoder.health.clock_jumps == 0
     assert np.array_equal(np.diff(step.matches["time_us"]), np.ones(step.matches.size - 1))
@@ -482,7 +482,7 @@ def test_a_clock_that_is_set_back_while_silent_moves_nothing(drive):
 
 def test_a_map_of_another_sensor_is_refused(drive):
     with pytest.raises(MapError, match="use the map of this camera"):
-        LiveLocaliser(open_decoder("evt2", Sensor(10, 10)), ReferenceMap.load(drive / "map.npz"))
+        StreamMatcher(open_decoder("evt2", Sensor(10, 10)), ReferenceMap.load(drive / "map.npz"))
 
 
 @pytest.mark.parametrize(
@@ -778,7 +778,7 @@ def test_after_a_loss_the_place_filter_is_flagged_for_one_window_alone(reference
     }  # fmt: skip
     settings = reference.settings.replaced(changed, "the test")
     reference = coded_map(reference, settings)
-    live = LiveLocaliser(open_decoder("evpr", SENSOR), reference, MatchSchedule(events=1))
+    live = StreamMatcher(open_decoder("evpr", SENSOR), reference, MatchSchedule(events=1))
     encoder = open_encoder("evpr:frame=256", SENSOR)
     live.feed(encoder.start() + encoder.encode(events[:5_000]), 0)
     flagged = []
@@ -917,7 +917,7 @@ def test_the_terminal_shows_where_we_are_and_what_is_wrong(sent, monkeypatch, re
             shown.append(console.export_text())
 
     monkeypatch.setattr(live_view, "_REFRESH_S", 0.0)
-    live = LiveLocaliser(open_decoder("evpr", SENSOR), reference, MatchSchedule(events=1))
+    live = StreamMatcher(open_decoder("evpr", SENSOR), reference, MatchSchedule(events=1))
     view = live_view.View(False, None, reference, Panel(Live()))
     data = sent.read_bytes()
     for part in (data[:10_000], data[10_000:80_000], data[90_000:]):
@@ -958,7 +958,7 @@ def test_the_terminal_shows_where_we_are_and_what_is_wrong(sent, monkeypatch, re
 def test_a_line_of_status_comes_in_time_and_at_each_change(sent, capsys, monkeypatch, reference):
     """A journal gets a line a minute; that the link or the place is lost waits for none."""
     monkeypatch.setattr(live_view, "_LINE_S", 0.0)
-    live = LiveLocaliser(open_decoder("evpr", SENSOR), reference, MatchSchedule(events=1))
+    live = StreamMatcher(open_decoder("evpr", SENSOR), reference, MatchSchedule(events=1))
     log = io.StringIO()
     view = live_view.View(False, log, reference, None, line_s=60.0)
     health = live.decoder.health
@@ -1042,7 +1042,7 @@ def test_a_while_of_silences_wraps_and_heartbeats_gives_the_matches_of_the_recor
     reference = bench("soak").a_map(np.random.default_rng(1), sensor)
     every = MatchSchedule(events=50, interval_us=1_000_000)
     encoder, decoder = open_encoder(protocol, sensor), open_decoder(protocol, sensor)
-    live = LiveLocaliser(decoder, reference, every)
+    live = StreamMatcher(decoder, reference, every)
     offline, bursts = Localiser(reference, every=every), BurstFilter(sensor)
     found, expected, start, reached = [], [], None, 0
 

@@ -3,7 +3,7 @@
 ``python tools/bench/byte_to_match.py`` plays a device on a pseudo-terminal, and takes the time from
 the write of a frame to the match that the frame gives: in a program that iterates over a
 `LiveSession`, and in a program that reads the output of `edge-vpr stream`. All of them sleep in
-between, as a robot's do. Before that it takes the time of the call of `LiveLocaliser.feed` alone,
+between, as a robot's do. Before that it takes the time of the call of `StreamMatcher.feed` alone,
 for frames that follow at once and after a sleep.
 """
 
@@ -25,8 +25,8 @@ from soak import a_map
 
 from edge_vpr.events import Events, Sensor, make_events
 from edge_vpr.live.bridge import Bridge, VirtualLink
-from edge_vpr.live.localiser import LiveLocaliser
 from edge_vpr.live.protocols import open_decoder, open_encoder
+from edge_vpr.live.stream_matcher import StreamMatcher
 from edge_vpr.online.schedule import MatchSchedule
 
 SENSOR = Sensor(346, 260)
@@ -143,7 +143,7 @@ def feed(
     """
     rng, encoder = np.random.default_rng(0), open_encoder("evpr", SENSOR)
     schedule = MatchSchedule(interval_us=FRAMES * FRAME_US)
-    live = LiveLocaliser(
+    live = StreamMatcher(
         open_decoder("evpr", SENSOR),
         a_map(rng, SENSOR),
         schedule,

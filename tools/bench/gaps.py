@@ -20,9 +20,9 @@ import numpy as np
 import numpy.typing as npt
 
 from edge_vpr.events import Events, join_events
-from edge_vpr.live.localiser import LiveLocaliser
 from edge_vpr.live.position import Locator
 from edge_vpr.live.protocols import open_decoder, open_encoder
+from edge_vpr.live.stream_matcher import StreamMatcher
 from edge_vpr.online.schedule import MatchSchedule
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.simulation import QUERY, SimulatedRecording, simulate_pair
@@ -69,7 +69,7 @@ def played(reference: ReferenceMap, events: Events, gaps: list[Gap], line: str, 
     device, again = LINES[line]
     decoder = open_decoder(device, reference.pixel_map.sensor)
     decoder.live = True
-    live, encoder = LiveLocaliser(decoder, reference, EVERY), open_encoder(device, decoder.sensor)
+    live, encoder = StreamMatcher(decoder, reference, EVERY), open_encoder(device, decoder.sensor)
     locator, rows = Locator(reference), []
     begun_us = dropped = starts = 0
     begins = np.arange(0, int(events.t[-1]), PIECE_US)

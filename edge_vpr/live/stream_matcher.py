@@ -1,4 +1,4 @@
-"""From bytes to matches: a decoder, a burst filter and a localiser as one."""
+"""From bytes to matches: what a stream has beside its localiser: bursts, gaps, losses, position."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ class LiveResult(NamedTuple):
     jumps: tuple[int, ...] = ()
 
 
-class LiveLocaliser:
+class StreamMatcher:
     """Decodes a stream of bytes, and matches its events with a map.
 
     Parameters
@@ -60,6 +60,13 @@ class LiveLocaliser:
         Whether readings of an odometer are to come.
     show : callable
         Takes the name of what is compiled now; all kernels are compiled before the first bytes.
+
+    Attributes
+    ----------
+    localiser : Localiser or None
+        Has the state of matching; None without a map.
+    odometer_check : OdometerCheck
+        Findings about the robot's odometer.
     """
 
     def __init__(
@@ -73,7 +80,7 @@ class LiveLocaliser:
         show: Callable[[str], object] = lambda text: None,
     ) -> None:
         self.decoder = decoder
-        self._localiser: Localiser | None = None
+        self.localiser: Localiser | None = None
         self._bursts = _burst_filter(reference, causal_bursts)
         self._losses = LossWatch(decoder.health)
         self._time = 0  # time that the localiser has reached
@@ -92,11 +99,11 @@ class LiveLocaliser:
             )
         filters = _burst_filter(reference, causal_bursts)
         warm_up([*localising_steps(reference, every, filters, odometry=odometry), *steps], show)
-        self._localiser = Localiser(reference, every=every)
-        self.odometer_check = self._localiser.odometer_check or self.odometer_check
+        self.localiser = Localiser(reference, every=every)
+        self.odometer_check = self.localiser.odometer_check
         self._position = PathPosition(settings)
         # longest time that is matched in one step
-        self._most_us = MOST_TICKS * self._localiser.every.interval_us or _NEVER_US
+        self._most_us = MOST_TICKS * self.localiser.every.interval_us or _NEVER_US
         #: windows that a match compares, and how far back from a match its losses may lie
         self._windows = settings.windows_per_match
         span_us = settings.tau_us if settings.window == "time" else _MOST_LOSS_US
@@ -110,7 +117,7 @@ class LiveLocaliser:
     @property
     def filled(self) -> float:
         """Share of the first match's windows that has passed; there are matches from 1 on."""
-        return 0.0 if self._localiser is None else self._localiser.filled
+        return 0.0 if self.localiser is None else self.localiser.filled
 
     def feed(
         self, data: bytes, host_us: int, *, dropped: int = 0, reopened: bool = False
@@ -135,15 +142,15 @@ class LiveLocaliser:
         events = decoder.feed(data, host_us)
         matched = 0
         self._dropped = self._dropped or dropped > 0
-        if self._localiser is not None:
+        if self.localiser is not None:
             # a frame without events, or a state that was kept, tells the time too
             begin_us = int(events.t[0]) if events.size else decoder.reached_us
             if self._away and (events.size or begin_us > self._time):
-                self._come_back(self._localiser, early, begin_us)
+                self._come_back(self.localiser, early, begin_us)
                 matched = early.size
             elif self._dropped and events.size:
                 # no matches of time in which nothing was seen
-                self._localiser.skip_ticks(begin_us)
+                self.localiser.skip_ticks(begin_us)
             self._dropped = self._dropped and not events.size
         return self._match(join_events([early, events]), matched)
 
@@ -160,7 +167,7 @@ class LiveLocaliser:
             That time, in microseconds, and the distance without leaps; None if the reading does not
             count, see `OdometerCheck`.
         """
-        check, localiser = self.odometer_check, self._localiser
+        check, localiser = self.odometer_check, self.localiser
         if localiser is None:
             time_us = self.decoder.reached_us
             counts = check.read(time_us, distance_mm, 0)
@@ -179,15 +186,16 @@ class LiveLocaliser:
         Returns
         -------
         arrays : dict of str to ndarray
-            See `MatchRun.to_arrays`; without the places, which are the map's.
+            See `Localiser.to_arrays`; without the places, which are the map's.
         values : dict
             Of JSON.
         """
-        assert self._localiser is not None
-        run = self._localiser
-        arrays = {name: array.copy() for name, array in run.to_arrays().items() if name != "places"}
+        kept = self.localiser
+        assert kept is not None
+        arrays = {name: array.copy() for name, array in kept.to_arrays().items()}
+        del arrays["places"]
         values = {
-            "now_us": run.now_us, "floor_us": run.floor_us, "time_us": self._time,
+            "now_us": kept.now_us, "floor_us": kept.floor_us, "time_us": self._time,
             "clock": self.decoder.timestamps.to_values(), "position": self._position.to_values(),
         }  # fmt: skip
         return arrays, values
@@ -200,8 +208,8 @@ class LiveLocaliser:
         localiser : Localiser
             With the arrays of `to_state`.
         """
-        self._localiser, self._time = localiser, values["time_us"]
-        self.odometer_check = localiser.odometer_check or self.odometer_check
+        self.localiser, self._time = localiser, values["time_us"]
+        self.odometer_check = localiser.odometer_check
         self._position.resume(values["position"])
         self.decoder.timestamps.resume(values["clock"], passed_us)
         # what was missed is of unknown size
@@ -219,7 +227,7 @@ class LiveLocaliser:
 
     def _match(self, events: Events, matched: int = 0, *, last: bool = False) -> LiveResult:
         """Match the events after the `matched` ones that are known to be in no burst."""
-        localiser, bursts, reached = self._localiser, self._bursts, self.decoder.reached_us
+        localiser, bursts, reached = self.localiser, self._bursts, self.decoder.reached_us
         if localiser is None:
             return LiveResult(events, NO_MATCHES, reached)
         found: MatchRows = []
