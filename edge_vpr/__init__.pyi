@@ -33,7 +33,6 @@ from .events import Sensor as Sensor
 from .events import crop as crop
 from .events import join_events as join_events
 from .events import make_events as make_events
-from .live.match import LiveMatch as LiveMatch
 from .live.session import LiveSession as LiveSession
 from .map_making import describe as describe
 from .match_result import MatchResult as MatchResult
@@ -41,6 +40,7 @@ from .matching.distances import ReferenceIndex as ReferenceIndex
 from .matching.distances import distance_matrix as distance_matrix
 from .matching.drive import match_descriptors as match_descriptors
 from .matching.match import MATCH_DTYPE as MATCH_DTYPE
+from .matching.match import Match as Match
 from .matching.matches import Matches as Matches
 from .online.localiser import Localiser as Localiser
 from .online.schedule import MatchSchedule as MatchSchedule

@@ -13,9 +13,9 @@ from edge_vpr.descriptors.cleaning import BurstFilter, CausalBurstFilter
 from edge_vpr.errors import MapError
 from edge_vpr.events import NO_EVENTS, Events, Sensor, join_events
 from edge_vpr.live.losses import LossWatch
-from edge_vpr.live.position import PathPosition
+from edge_vpr.live.position import Locator, PathPosition
 from edge_vpr.live.protocols import Decoder
-from edge_vpr.matching.match import NO_MATCHES, MatchRows, join_matches
+from edge_vpr.matching.match import NO_MATCHES, Match, MatchRows, join_matches
 from edge_vpr.online.localiser import Localiser
 from edge_vpr.online.schedule import MatchSchedule
 from edge_vpr.reference_map import ReferenceMap
@@ -33,15 +33,11 @@ class LiveResult(NamedTuple):
     """Events and matches of one chunk of bytes."""
 
     events: Events  #: Shape (n,): as decoded.
-    matches: npt.NDArray[np.void]  #: Shape (m,): in the order of their windows.
+    rows: npt.NDArray[np.void]  #: Shape (m,): matches as records, in the order of their windows.
     #: Time up to which the stream is known.
     reached_us: int
-    #: Of each match, the share of the events of its windows that is known to be lost.
-    missing: tuple[float, ...] = ()
-    #: Of each match, the place where the robot is at its time, see `PathPosition`.
-    at: tuple[float, ...] = ()
-    #: Of each match, how often the position has jumped until then.
-    jumps: tuple[int, ...] = ()
+    #: The same matches with what is missing of them, and where the robot is.
+    matches: tuple[Match, ...] = ()
 
 
 class StreamMatcher:
@@ -101,7 +97,7 @@ class StreamMatcher:
         warm_up([*localising_steps(reference, every, filters, odometry=odometry), *steps], show)
         self.localiser = Localiser(reference, every=every)
         self.odometer_check = self.localiser.odometer_check
-        self._position = PathPosition(settings)
+        self._position, self._locator = PathPosition(settings), Locator(reference)
         # longest time that is matched in one step
         self._most_us = MOST_TICKS * self.localiser.every.interval_us or _NEVER_US
         #: windows that a match compares, and how far back from a match its losses may lie
@@ -243,22 +239,17 @@ class StreamMatcher:
                 found.append(localiser.advance(known))
             self._time = known
         self._losses.note(reached, self._horizon_us)
-        matches = join_matches(found)
-        return LiveResult(events, matches, reached, *self._located(matches))
+        rows = join_matches(found)
+        return LiveResult(events, rows, reached, tuple(map(self._located, rows.tolist())))
 
-    def _located(
-        self, matches: npt.NDArray[np.void]
-    ) -> tuple[tuple[float, ...], tuple[float, ...], tuple[int, ...]]:
-        """Return what is missing of each match, where the robot is, and its number of jumps."""
-        position, missing, at, jumps = self._position, [], [], []
-        if matches.size:
-            columns = (matches[name].tolist() for name in ("time_us", "start_us", "place"))
-            for time_us, start_us, place in zip(*columns, strict=True):
-                span_us = time_us - start_us
-                missing.append(self._losses.missing(time_us - self._windows * span_us))
-                at.append(position.update(time_us, span_us, place))
-                jumps.append(position.jumps)
-        return tuple(missing), tuple(at), tuple(jumps)
+    def _located(self, row: tuple[Any, ...]) -> Match:
+        """Return a match with what is missing of it, and where the robot is."""
+        match = Match(*row)
+        span_us = match.time_us - match.start_us
+        missing = self._losses.missing(match.time_us - self._windows * span_us)
+        at = self._position.update(match.time_us, span_us, match.place)
+        where: dict[str, Any] = self._locator.locate(at)
+        return match._replace(missing=missing, jumps=self._position.jumps, **where)
 
     def _update(self, localiser: Localiser, events: Events, found: MatchRows) -> None:
         """Match events in parts that each span less than `MOST_TICKS`."""

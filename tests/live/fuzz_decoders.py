@@ -147,8 +147,8 @@ def one_input(pair, choose):
         else:
             result = live.feed(data, host_us)
             now = checked(decoder, result.events, sensor, now)
-            assert result.matches.size < 200_000
-            assert result.matches.size == 0 or result.matches["place"].max() < 20
+            assert result.rows.size < 200_000
+            assert result.rows.size == 0 or result.rows["place"].max() < 20
     now = checked(decoder, decoder.finish(), sensor, now)
     assert decoder.health.bytes == received
     assert time.process_time() - began < MOST_SECONDS

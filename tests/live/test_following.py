@@ -175,17 +175,17 @@ def test_a_stream_gives_the_results_of_its_events_whatever_comes_and_however_it_
         found = live.feed(data, 0, dropped=lost)
         events, matches = separate.feed(data, lost)
         assert found.events.tolist() == events.tolist()
-        assert found.matches.tobytes() == matches.tobytes()
+        assert found.rows.tobytes() == matches.tobytes()
         assert live.decoder.health == separate.decoder.health
         assert balanced(live.decoder.health)
-        for match, missing in zip(matches, found.missing, strict=True):
-            separate.check_missing(match, missing)
+        for match, located in zip(matches, found.matches, strict=True):
+            separate.check_missing(match, located.missing)
     assert live.bursts_removed == (separate.bursts.removed if remove_bursts else 0)
     last = live.finish()
     ended = separate.decoder.finish()
     matches = separate.match(ended, separate.decoder.reached_us)
     assert last.events.tolist() == ended.tolist()
-    assert last.matches.tobytes() == matches.tobytes()
+    assert last.rows.tobytes() == matches.tobytes()
     check_state(live.localiser)
 
 
@@ -201,7 +201,7 @@ def test_time_of_dropped_bytes_has_no_matches_if_the_next_piece_has_no_whole_eve
     live = StreamMatcher(open_decoder("evt2", SENSOR), reference, every, causal_bursts=True)
     live.feed(before, 0)
     pieces = [after[:first], after[first:]] if first else [after]
-    found = [live.feed(piece, 0, dropped=100 * (not i)).matches for i, piece in enumerate(pieces)]
+    found = [live.feed(piece, 0, dropped=100 * (not i)).rows for i, piece in enumerate(pieces)]
     times = np.concatenate([each["time_us"] for each in found])
     assert times.size
     assert times.min() >= 100_000

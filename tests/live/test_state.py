@@ -19,7 +19,6 @@ from edge_vpr.errors import UsageError
 from edge_vpr.events import Sensor, join_events
 from edge_vpr.live import state as state_module
 from edge_vpr.live.bridge import Bridge, VirtualLink, open_device_link
-from edge_vpr.live.position import Locator
 from edge_vpr.live.protocols import open_decoder, open_encoder
 from edge_vpr.live.state import KIND, StateWriter
 from edge_vpr.live.stream_matcher import StreamMatcher
@@ -125,8 +124,8 @@ def test_the_time_in_which_nothing_was_seen_gives_no_matches(count, first, how, 
     missing = []
     for n, data in enumerate(pieces):
         found = live.feed(data, 44_000_000, reopened=reopened and n == 0)
-        matches += found.matches.size
-        missing += found.missing
+        matches += found.rows.size
+        missing += [match.missing for match in found.matches]
     assert 30 <= matches <= 2 / 0.05 + 10
     assert (missing[0], missing[-1]) == (1.0, 0.0)
     assert missing == sorted(missing, reverse=True)
@@ -161,16 +160,16 @@ def test_a_robot_that_drove_on_unseen_is_found_again(how, clock, street, tmp_pat
         live = resumed(live, reference, 3_000_000)
     if clock == "restarts":
         encoder = open_encoder("evpr:boot=1", SENSOR)
-    locator, rows = Locator(reference), []
+    rows = []
     for n, piece in enumerate(split_events(late, 250)):
         reopened = how == "the same run" and n == 0
         found = live.feed(
             encoder.encode(piece), int(piece["t"][-1]) + 17_000_000, reopened=reopened
         )
         true_m = track.at(piece["t"][-1:] + off_us)[0, 0]
-        for match, at in zip(found.matches, found.at, strict=True):
-            off_m = abs(locator.locate(at)["along_m"] - true_m)
-            rows.append((int(match["time_us"]), off_m, float(match["probability"])))
+        for match in found.matches:
+            off_m = abs(match.along_m - true_m)
+            rows.append((match.time_us, off_m, match.probability))
     assert 16_500_000 < rows[0][0] < 17_500_000
     assert all(off_m < 8.0 for time_us, off_m, _ in rows if time_us > rows[0][0] + 3_100_000)
     assert all(off_m < 8.0 for _, off_m, probability in rows if probability > 0.9)

@@ -26,7 +26,6 @@ from edge_vpr.descriptors.counting import cleaned
 from edge_vpr.errors import MapError, RecordingError, UsageError
 from edge_vpr.events import Sensor, join_events, make_events
 from edge_vpr.live.bridge import Bridge, LineFaults, open_device_link
-from edge_vpr.live.match import LiveMatch
 from edge_vpr.live.protocols import open_decoder, open_encoder
 from edge_vpr.live.protocols.timestamps import CONFIRM
 from edge_vpr.live.session import LiveStatus, LiveStep
@@ -256,12 +255,12 @@ def test_an_overload_is_flagged_until_the_windows_are_whole_again(reference, eve
     sent = open_encoder("evpr:frame=256", SENSOR).encode(events)
     live = StreamMatcher(open_decoder("evpr", SENSOR), reference, MatchSchedule(interval_us=10_000))
     third = len(sent) // 3
-    assert not any(live.feed(sent[:third], 0).missing)
+    assert not any(match.missing for match in live.feed(sent[:third], 0).matches)
     cut = third + 2_000
     flags = []
     for i in range(cut, len(sent), 1_000):
         step = live.feed(sent[i : i + 1_000], 0, dropped=2_000 if i == cut else 0)
-        flags += [share > 0 for share in step.missing]
+        flags += [match.missing > 0 for match in step.matches]
     health = live.decoder.health
     assert flags[0]
     assert not flags[-1]
@@ -283,10 +282,10 @@ def test_the_first_matches_after_a_loss_are_flagged_however_much_comes_at_once(
         b"".join(frame + b"\0" for frame in part) for part in (frames[:third], frames[third + 9 :])
     )
     live = StreamMatcher(open_decoder("evpr", SENSOR), reference, MatchSchedule(interval_us=10_000))
-    assert not any(live.feed(before, 0).missing)
+    assert not any(match.missing for match in live.feed(before, 0).matches)
     step = live.feed(after, 0)
-    assert step.matches.size > 50  # the windows of the first of them lack what was lost
-    assert step.missing[0] > 0
+    assert step.rows.size > 50  # the windows of the first of them lack what was lost
+    assert step.matches[0].missing > 0
     assert live.decoder.health.lost > 0
 
 
@@ -353,11 +352,11 @@ def test_a_device_that_sees_nothing_says_so_and_is_matched_all_the_same(referenc
     for now in range(last + 50_000, last + 500_000, 50_000):
         steps.append(live.feed(encoder.idle(now), 0))
         assert steps[-1].events.size == 0
-        assert steps[-1].matches["time_us"][-1] == now // 10_000 * 10_000
+        assert steps[-1].rows["time_us"][-1] == now // 10_000 * 10_000
     later = events.copy()
     later.t += last + 1_000_000
     steps.append(live.feed(encoder.encode(later), 0))
-    found = np.concatenate([*(step.matches for step in steps), live.finish().matches])
+    found = np.concatenate([*(step.rows for step in steps), live.finish().rows])
     localiser = Localiser(reference, every=every)
     recording = Drive(join_events([events, later]), SENSOR)
     expected = [localiser.update(part) for part in cleaned(recording, reference.settings)]
@@ -378,7 +377,7 @@ def test_single_events_give_the_matches_of_the_recording(bursts, drive, referenc
     pieces = split_events(events, np.arange(1, events.size))
     steps += [live.feed(encoder.encode(piece), 0) for piece in pieces]
     steps.append(live.finish())
-    found = np.concatenate([step.matches for step in steps])
+    found = np.concatenate([step.rows for step in steps])
     localiser = Localiser(reference, every=every)
     expected = [localiser.update(part) for part in cleaned(Drive(events, SENSOR), settings)]
     assert found.size > 50
@@ -394,7 +393,7 @@ def test_a_loss_between_two_ticks_flags_the_next_match(reference, events):
     flags = {}
     for piece in split_events(events[20_020:], np.arange(10, events.size - 20_020, 10)):
         step = live.feed(encoder.encode(piece), 0)
-        flags.update(zip(step.matches["time_us"].tolist(), step.missing, strict=True))
+        flags.update((match.time_us, match.missing) for match in step.matches)
     assert live.decoder.health.lost == 10
     begun = int(events["t"][20_020])
     span = reference.settings.sequence_length * reference.settings.tau_us
@@ -415,7 +414,7 @@ def test_a_causal_burst_filter_gives_a_match_with_the_event_that_it_needs(refere
     for piece in split_events(events, np.arange(20, events.size, 20)):
         sent = encoder.encode(piece)
         last = int(piece["t"][-1])
-        for each in live.feed(sent, 0).matches:
+        for each in live.feed(sent, 0).rows:
             assert last - 10_000 < each["time_us"] <= last
             assert each["time_us"] >= piece["t"][0] - 10_000
         assert live.localiser.next_tick > last  # no tick is behind
@@ -430,7 +429,8 @@ def test_a_jump_of_the_clock_gives_one_match_and_is_counted(tells, reference, ev
     last, jump_us = int(events["t"][-1]), 599_000_000
     encoder = open_encoder("evpr", SENSOR)
     live = StreamMatcher(open_decoder("evpr", SENSOR), reference, MatchSchedule(interval_us=500))
-    assert not any(live.feed(encoder.start() + encoder.encode(events), 0).missing)
+    step = live.feed(encoder.start() + encoder.encode(events), 0)
+    assert not any(match.missing for match in step.matches)
     later = events.copy()
     later.t += last + jump_us
     if tells == "silence":
@@ -441,22 +441,22 @@ def test_a_jump_of_the_clock_gives_one_match_and_is_counted(tells, reference, ev
         sent = encoder.encode(join_events([events[-1:], later[:1]]))
     step = live.feed(sent, 0)
     # ticks that the burst filter held back, and one of the jump
-    assert 1 <= step.matches.size <= 10
+    assert 1 <= step.rows.size <= 10
     if tells == "silence":
-        assert step.matches["time_us"][-1] == (last + jump_us) // 500 * 500
+        assert step.rows["time_us"][-1] == (last + jump_us) // 500 * 500
     step = live.feed(encoder.encode(later[1:10_000]), 0)
-    assert step.missing[0] == 1.0
+    assert step.matches[0].missing == 1.0
     assert live.decoder.health.clock_jumps == 1
     assert "1 clock jump" in str(live.decoder.health)
     step = live.feed(encoder.encode(later[10_000:]), 0)
     # what follows is matched as if nothing had been, but for the flag
-    assert np.array_equal(np.diff(step.matches["time_us"]), np.full(step.matches.size - 1, 500))
+    assert np.array_equal(np.diff(step.rows["time_us"]), np.full(step.rows.size - 1, 500))
     localiser = Localiser(reference, every=MatchSchedule(interval_us=500))
     localiser.update(events)
     localiser.skip_ticks(int(later["t"][0]))
     expected = localiser.update(later)
-    expected = expected[np.isin(expected["time_us"], step.matches["time_us"])]
-    assert step.matches.tobytes() == expected.tobytes()
+    expected = expected[np.isin(expected["time_us"], step.rows["time_us"])]
+    assert step.rows.tobytes() == expected.tobytes()
 
 
 def test_a_piece_that_spans_millions_of_ticks_is_matched_at_all_of_them(reference):
@@ -465,8 +465,8 @@ def test_a_piece_that_spans_millions_of_ticks_is_matched_at_all_of_them(referenc
     live = StreamMatcher(open_decoder("evpr", SENSOR), reference, every)
     step = live.feed(open_encoder("evpr", SENSOR).encode(events), 0)
     assert live.decoder.health.clock_jumps == 0
-    assert np.array_equal(np.diff(step.matches["time_us"]), np.ones(step.matches.size - 1))
-    assert step.matches.size > 1_000_000
+    assert np.array_equal(np.diff(step.rows["time_us"]), np.ones(step.rows.size - 1))
+    assert step.rows.size > 1_000_000
 
 
 def test_a_clock_that_is_set_back_while_silent_moves_nothing(drive):
@@ -785,7 +785,7 @@ def test_after_a_loss_the_place_filter_is_flagged_for_one_window_alone(reference
     encoder.encode(events[5_000:5_100])  # lost
     for i in range(5_100, 15_000, 100):
         result = live.feed(encoder.encode(events[i : i + 100]), 0)
-        flagged += zip(result.matches["time_us"].tolist(), result.missing, strict=True)
+        flagged += ((match.time_us, match.missing) for match in result.matches)
     times = [t for t, missing in flagged if missing]
     assert flagged[0][1]
     assert settings.tau_us <= times[-1] - times[0] < 2 * settings.tau_us
@@ -894,12 +894,8 @@ def test_a_speed_that_makes_no_sense_is_refused(speed, says, drive, capsys):
 
 def step_of(result, late_s=0.0):
     """The step of a session that gave this result."""
-    matches = []
-    for row, missing in zip(result.matches, result.missing, strict=True):
-        shared = {name: row[name].item() for name in row.dtype.names if name in LiveMatch._fields}
-        rest = {"missing": missing, "time_s": 0.0, "start_s": 0.0, "age_s": 0.0}
-        matches.append(LiveMatch(**shared, **rest, query=0, host_us=0, jumps=0))
-    return LiveStep(result, time.monotonic() - late_s, matches=tuple(matches))
+    matches = tuple(match._replace(age_s=0.0) for match in result.matches)
+    return LiveStep(result, time.monotonic() - late_s, matches=matches)
 
 
 def test_the_terminal_shows_where_we_are_and_what_is_wrong(sent, monkeypatch, reference):
@@ -926,13 +922,11 @@ def test_the_terminal_shows_where_we_are_and_what_is_wrong(sent, monkeypatch, re
         view.tick(LiveStatus(live.decoder.health, live.filled))
     assert "waiting for the first match: " in shown[0]
     last = step.matches[-1]
-    assert (
-        f"place {last['place']} of 29 ({100 * last['place'] / 28:.0f} % of the route)" in shown[2]
-    )
+    assert f"place {last.place} of 29 ({100 * last.place / 28:.0f} % of the route)" in shown[2]
     (newest,) = step_of(step).matches[-1:]
     view.matches(step_of(step)._replace(matches=(newest._replace(lost=True),)))
     view.tick(LiveStatus(live.decoder.health, live.filled))
-    assert f"lost, at best place {last['place']} of 29" in shown[-1]
+    assert f"lost, at best place {last.place} of 29" in shown[-1]
     assert "ratio" not in shown[-1]  # of a place where the robot is not
     sure = newest._replace(probability=0.97)
     for probability, age_s, silent_s, place in (
@@ -946,9 +940,7 @@ def test_the_terminal_shows_where_we_are_and_what_is_wrong(sent, monkeypatch, re
         assert f"place  {place}" in shown[-1]
         assert ("probability" in shown[-1]) == bool(probability)
     live.decoder.health.silent_s = 0.0
-    assert (
-        f"ratio {last['ratio']:.3f}, {100 * step.missing[-1]:.0f} % of its events lost" in shown[2]
-    )
+    assert f"ratio {last.ratio:.3f}, {100 * last.missing:.0f} % of its events lost" in shown[2]
     assert "12.3 ms from byte to match" in shown[2]
     assert "no faults" in shown[1]
     assert "1 sequence gap" in shown[2]
@@ -1048,8 +1040,8 @@ def test_a_while_of_silences_wraps_and_heartbeats_gives_the_matches_of_the_recor
 
     def take(data):
         result = live.feed(data, 0)
-        assert not any(result.missing)
-        found.append(result.matches)
+        assert not any(match.missing for match in result.matches)
+        found.append(result.rows)
 
     take(encoder.start())
     for events in spells(rng, sensor, silence_s, end_us=1_440_000_000):
@@ -1061,7 +1053,7 @@ def test_a_while_of_silences_wraps_and_heartbeats_gives_the_matches_of_the_recor
         if protocol != "evpr":
             events.t -= start  # only evpr tells when the stream began
         expected += [offline.update(piece) for piece in bursts.pieces(events)]
-    found.append(live.finish().matches)
+    found.append(live.finish().rows)
     expected.append(offline.update(bursts.finish()))
     matches = np.concatenate(found)
     assert matches.size > 1_400
