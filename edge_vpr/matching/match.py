@@ -8,6 +8,8 @@ from typing import Any, NamedTuple, Self, get_type_hints
 import numpy as np
 import numpy.typing as npt
 
+from edge_vpr.compiling import kernel
+
 
 class Match(NamedTuple):
     """One match, or a heartbeat of a live session.
@@ -35,10 +37,14 @@ class Match(NamedTuple):
     ties: int  #: Other places with the same distance.
     events: int  #: Number in the newest window, at the selected pixels.
     start_us: int  #: Start of the newest window; -1 in a heartbeat.
-    #: See `filter_match.FilterMatch`, with sequences the margin; higher means more confident.
+    #: Confidence in the match; higher means more confident. Of the place filter 0 to 368: the
+    #: support, a running mean of the margins up to this window, less the largest residual (evidence
+    #: against the matched place) of this window and the two before, see `trust.support_after` and
+    #: `trust.trust_of`. With sequences, the margin.
     trust: int
-    #: 0 where views resemble the map's, `confidence.OFF_MAP_MISFIT` or more in another place or
-    #: light, see `filter_match.FilterMatch`; -1 with sequences.
+    #: How much worse than in a drive along the map in the same light, which is 0, about the last
+    #: sixteen windows fit the matched places, see `trust.window_misfit`; in another place or light
+    #: `confidence.OFF_MAP_MISFIT` or more. -1 with sequences.
     misfit: int
     #: That the match is correct; NaN if the map has no table of probabilities; 0 if the match is
     #: older than the session's `max_age`.
@@ -109,6 +115,28 @@ def heartbeat(query: int, jumps: int, host_us: int) -> Match:
 MATCH_DTYPE = np.dtype(
     [each for each in get_type_hints(Match).items() if each[0] not in Match._field_defaults]
 )
+
+
+@kernel(inline="always")
+def write_distances(row, best_sum, second_sum, length):  # type: ignore[no-untyped-def]
+    """Write the distances of a match and their ratio.
+
+    Parameters
+    ----------
+    row : record of MATCH_DTYPE
+        Output.
+    best_sum, second_sum : int
+        Sums over the L windows; the second is negative if there is no second place.
+    length : int
+        L.
+    """
+    row["distance"] = best_sum / length
+    row["second_distance"] = np.nan if second_sum < 0 else second_sum / length
+    row["ratio"] = np.nan if second_sum < 0 else 1.0
+    if second_sum > 0:
+        row["ratio"] = best_sum / second_sum
+
+
 #: arrays of MATCH_DTYPE
 MatchRows = list[npt.NDArray[np.void]]
 NO_MATCHES = np.empty(0, dtype=MATCH_DTYPE)

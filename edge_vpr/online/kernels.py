@@ -12,15 +12,7 @@ from edge_vpr.confidence import NO_MISFIT, accept_match
 from edge_vpr.descriptors.windows import MAX_WINDOWS, is_pause
 from edge_vpr.errors import EventError
 from edge_vpr.events import TIME_LIMIT_US, Events, Sensor, check_after, check_events
-from edge_vpr.matching.filter_match import (
-    METRIC,
-    MISFIT,
-    PLACE,
-    SECOND,
-    SECOND_METRIC,
-    TIES,
-    TRUST,
-)
+from edge_vpr.matching.match import write_distances
 from edge_vpr.matching.place_filter import FilterState, WindowRows, end_window, match_window
 from edge_vpr.matching.prediction import FilterTable
 from edge_vpr.matching.search import exclusion_zone
@@ -79,24 +71,6 @@ def sequence_match(sums, total, c, length, row):
 
 
 @kernel(inline="always")
-def write_distances(row, best_sum, second_sum, length):
-    """Write the distances of a match and their ratio.
-
-    Parameters
-    ----------
-    best_sum, second_sum : int
-        Sums over the L windows; the second is negative if there is no second place.
-    length : int
-        L.
-    """
-    row["distance"] = best_sum / length
-    row["second_distance"] = np.nan if second_sum < 0 else second_sum / length
-    row["ratio"] = np.nan if second_sum < 0 else 1.0
-    if second_sum > 0:
-        row["ratio"] = best_sum / second_sum
-
-
-@kernel(inline="always")
 def _second(sums, best, exclusion, places):
     """Return the best place outside the exclusion zone and its sum; -1 if there is none."""
     second, second_least = -1, sums[best]
@@ -111,7 +85,7 @@ def _second(sums, best, exclusion, places):
 
 
 @kernel(inner=True)
-def match_now(state, filter_table, rows, s, total, c, length, limits, over, row):
+def match_now(state, filter_table, rows, s, total, c, length, limits, over, out, i):
     """Match by the place filter or by sequences, or end the window of the place filter.
 
     `state`, `filter_table` and `rows` are None with sequences, `length` with the place filter.
@@ -124,8 +98,8 @@ def match_now(state, filter_table, rows, s, total, c, length, limits, over, row)
         match, or whether the window was a pause.
     over : bool
         Whether the window ends: the filter then advances, and there is no match.
-    row : record of MATCH_DTYPE
-        Output; `accept_match` and `process_events` write the other fields.
+    out : ndarray of MATCH_DTYPE
+        Output in row `i`; `accept_match` and `process_events` write the other fields.
 
     Returns
     -------
@@ -134,10 +108,9 @@ def match_now(state, filter_table, rows, s, total, c, length, limits, over, row)
     """
     if state is None:
         if length is not None:
-            return sequence_match(s.sums, total, c, length, row)
+            return sequence_match(s.sums, total, c, length, out[i])
         return False
     state, rows = FilterState(*state), WindowRows(*rows)
-    found = rows.columns[0]
     distances = np.empty(rows.evidence.shape[1:], dtype=np.int32)
     write_distances_of_sums(
         ContrastCodes(*s.contrast), s.counts, s.totals, s.columns, s.sums, SUMS, distances
@@ -150,13 +123,11 @@ def match_now(state, filter_table, rows, s, total, c, length, limits, over, row)
         c.paused = is_pause(events, state.numbers[0].mean_activity)
         end_window(state, rows.metrics[0])
         return False
-    best = found[PLACE]
+    best = rows.matches[0]["place"]
     if c.change and best == c.last_reported:
         return False
     c.last_reported = best
-    row["place"], row["second"], row["ties"] = best, found[SECOND], found[TIES]
-    row["trust"], row["misfit"] = found[TRUST], found[MISFIT]
-    write_distances(row, found[METRIC], found[SECOND_METRIC], 1)
+    out[i] = rows.matches[0]
     return True
 
 
@@ -272,7 +243,7 @@ def process_events(kernel_state, t, x, y, until):
     saturation, contrast = s.saturation, ContrastCodes(*s.contrast)
     columns, sums, changes = s.columns, s.sums, s.changes
     state, filter_table, rows, length = f.filter, f.filter_table, f.rows, f.length
-    tau, n, lags, mask = s.tau, s.n, s.counts.shape[0], s.slot.size - 1
+    tau, n, lags, mask, limits = s.tau, s.n, s.counts.shape[0], s.slot.size - 1, f.limits
     given, i, end = 0, c.read, c.selected
     # a countdown, because a division would take as long as the rest of processing an event
     left = c.every - bound[0] % c.every if c.every > 0 else np.int64(-1)
@@ -320,7 +291,7 @@ def process_events(kernel_state, t, x, y, until):
         if saturation == 0:
             recode(contrast, counts, totals, counters, columns, sums, changes)
         row, in_window = out[given], bound[0] - bound[1]
-        if match_now(state, filter_table, rows, s, totals[0], c, length, f.limits, over, row):
+        if match_now(state, filter_table, rows, s, totals[0], c, length, limits, over, out, given):
             row["time_us"], row["events"] = now, in_window
             # start of a fixed-count window: the time of its oldest event
             row["start_us"] = seen_until - tau if tau > 0 else ring_time[bound[1] & mask]
