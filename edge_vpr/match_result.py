@@ -45,9 +45,10 @@ from edge_vpr.map_making import (
     unix_start,
 )
 from edge_vpr.matching.drive import match_query
+from edge_vpr.matching.match import join_matches
 from edge_vpr.matching.matches import Matches, write_csv
-from edge_vpr.online.localiser import Localiser, OdometryFeed
-from edge_vpr.online.runs import join_matches
+from edge_vpr.online.localiser import Localiser
+from edge_vpr.online.odometry_feed import OdometryFeed
 from edge_vpr.online.schedule import MatchSchedule
 from edge_vpr.recordings import Faults, Recording
 from edge_vpr.recordings.memory import FORMAT as MEMORY

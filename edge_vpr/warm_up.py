@@ -17,9 +17,9 @@ from edge_vpr.errors import EdgeVprError
 from edge_vpr.events import Events, Sensor, make_events
 from edge_vpr.map_making import describe_query, map_traverse
 from edge_vpr.matching.drive import match_descriptors
-from edge_vpr.online.kernels import CHUNK_EVENTS
 from edge_vpr.online.localiser import Localiser
 from edge_vpr.online.schedule import MatchSchedule
+from edge_vpr.online.state import CHUNK_EVENTS
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.route import Odometry
 from edge_vpr.settings import Settings

@@ -178,7 +178,7 @@ class Locator:
         Returns
         -------
         dict of str to (float or None)
-            Fields of `LiveMatch` that this map can fill; None where it does not know them.
+            Fields of `Match` that this map can fill; None where it does not know them.
         """
         if self._along is None or self._filled is None:
             return {}

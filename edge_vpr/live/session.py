@@ -21,17 +21,15 @@ from edge_vpr.events import Sensor
 from edge_vpr.files import check_output, work_folder
 from edge_vpr.learning import MapUpdate
 from edge_vpr.live.links import link_opener
-from edge_vpr.live.localiser import LiveLocaliser, LiveResult
-from edge_vpr.live.match import LiveMatch, at_age, heartbeat
 from edge_vpr.live.new_map import make_map
 from edge_vpr.live.odometer import DrivenAndMatched, OdometerReader
-from edge_vpr.live.position import Locator
 from edge_vpr.live.protocols import Health, ProtocolName, open_decoder
 from edge_vpr.live.reader import LinkReader
 from edge_vpr.live.recorder import Recorder, check_recorded
 from edge_vpr.live.state import StateFile, check_state_file, state_steps
+from edge_vpr.live.stream_matcher import LiveResult, StreamMatcher
 from edge_vpr.live.watches import SILENT_S, LagWatch, LineWatch, MisfitWatch
-from edge_vpr.online.runs import MatchRow
+from edge_vpr.matching.match import Match, heartbeat
 from edge_vpr.online.schedule import MatchSchedule
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.results import check_new_file, check_new_map
@@ -90,7 +88,7 @@ class LiveStep(NamedTuple):
     #: Readings of the odometer since the step before: time in microseconds of the camera's clock,
     #: and metres.
     odometry: tuple[tuple[int, float], ...] = ()
-    matches: tuple[LiveMatch, ...] = ()
+    matches: tuple[Match, ...] = ()
 
 
 class LiveStatus(NamedTuple):
@@ -149,7 +147,7 @@ class LiveSession:
     reconnect : bool
         Open a live link again when it is disconnected; else its end is the session's.
     heartbeat : str, optional
-        Yield a heartbeat (see `LiveMatch`) whenever no match came for this time, such as ``500ms``;
+        Yield a heartbeat (see `Match`) whenever no match came for this time, such as ``500ms``;
         longer than a window if matches come at its end.
     odometry : str, optional
         Where the robot sends its odometer, see `open_link`; not a file.
@@ -244,9 +242,8 @@ class LiveSession:
         self.decoder = open_decoder(protocol, self.sensor)
         if not isinstance(every, MatchSchedule | None):
             expect(every, str, "every", _SUCH_AS)
-        self._locator, self._every = None, None
+        self._every = None
         if self.reference is not None:
-            self._locator = Locator(self.reference)
             self._every = MatchSchedule.parse(every, self.reference.settings)
         self._settings = chosen if isinstance(chosen, Settings) else resolve_settings(chosen)
         self._drop = None if on_overload is None else on_overload == "drop"
@@ -274,7 +271,7 @@ class LiveSession:
         self._heard_s = 0.0
         # readings of the odometer that wait, and when each came
         self._shown: deque[tuple[float, int]] = deque(maxlen=_MOST_SHOWN)
-        self._newest: LiveMatch | None = None
+        self._newest: Match | None = None
         self._ratio = DrivenAndMatched()
         self._readings: dict[int, int] = {}
         self._fresh: list[tuple[int, float]] = []
@@ -333,7 +330,7 @@ class LiveSession:
                 self._say("compiling", text)
 
         with compiling_reported(lambda text: self._say("compiling", text + COMPILE_ALL)):
-            self._live = LiveLocaliser(
+            self._matcher = StreamMatcher(
                 self.decoder, self.reference, self._every,
                 odometry=self._odometry is not None, show=progress,
             )  # fmt: skip
@@ -419,7 +416,7 @@ class LiveSession:
 
     # -- matches
 
-    def __iter__(self) -> Iterator[LiveMatch]:
+    def __iter__(self) -> Iterator[Match]:
         """Yield matches, and heartbeats if they were asked for, until the link ends.
 
         When none came until the newest was older than `max_age`, that one is given once more.
@@ -439,12 +436,12 @@ class LiveSession:
                     and self._drop is not False
                 ):
                     continue
-                yield at_age(match, age_s, self._oldest_s(match.time_s - match.start_s))
+                yield match.at_age(age_s, self._oldest_s(match))
             if (now := time.monotonic()) - self._beat_s >= self._heartbeat_s:
                 self._beat_s = now
-                yield heartbeat(self._given, self._jumps)
+                yield self._heartbeat()
 
-    def poll(self) -> list[LiveMatch]:
+    def poll(self) -> list[Match]:
         """Return the matches that are ready, without waiting.
 
         Raises
@@ -453,7 +450,7 @@ class LiveSession:
             If the link has failed, once its last matches were returned.
         """
         self.open()
-        found: list[LiveMatch] = []
+        found: list[Match] = []
         for _ in range(_MOST_PIECES):
             if self.ended:
                 if not found:
@@ -467,10 +464,10 @@ class LiveSession:
         now = time.monotonic()
         if not found and now - self._beat_s >= self._heartbeat_s:
             self._beat_s = now
-            found.append(heartbeat(self._given, self._jumps))
+            found.append(self._heartbeat())
         return found
 
-    def latest(self) -> LiveMatch | None:
+    def latest(self) -> Match | None:
         """Return the newest match that came since the last call, without waiting; None if none.
 
         For a loop that takes longer than the matches to come: see `poll`.
@@ -512,15 +509,15 @@ class LiveSession:
         """State of the session now."""
         if not self._opened:
             return LiveStatus(self.health)
-        reader = self._reader
+        reader, filled = self._reader, self._matcher.filled
         return LiveStatus(
-            self.health, self._live.filled, reader.lost_link, reader.dead_s, self._newest_max_age_s
+            self.health, filled, reader.lost_link, reader.dead_s, self._newest_max_age_s
         )
 
     @property
     def bursts_removed(self) -> int:
         """Events removed as bursts."""
-        return self._live.bursts_removed if self._warm else 0
+        return self._matcher.bursts_removed if self._warm else 0
 
     @property
     def unwritten(self) -> str:
@@ -549,71 +546,63 @@ class LiveSession:
         self._heard_s = chunk.at_s
         self._heard_us = int(1e6 * (time.time() - (now - chunk.at_s)))
         if self._state_file is not None:
-            self._state_file.resume(self._live, chunk.at_s, live_line=reader.live)
+            self._state_file.resume(self._matcher, chunk.at_s, live_line=reader.live)
         since_us = int((chunk.at_s - self._begin_s) * 1e6)
-        result = self._live.feed(
+        result = self._matcher.feed(
             chunk.data, since_us, dropped=chunk.dropped, reopened=chunk.reopened
         )
         # before the match is used: a program that fails then has a whole file
         self._recorder.write_events(result.events)
         self._lag.look(result.events, self.decoder.reached_us, time.monotonic())
-        self._misfits.look(result.matches["misfit"])
+        self._misfits.look(result.rows["misfit"])
         found = self._matches(result, self._heard_us) or self._outdated(time.monotonic())
         return LiveStep(result, chunk.at_s, self._new_readings(), found)
 
-    def _oldest_s(self, window_s: float) -> float:
+    def _oldest_s(self, match: Match) -> float:
         """Return the age beyond which a match is rejected: by default two windows."""
-        return self._max_age_s or 2 * window_s
+        return self._max_age_s or 2 * (match.time_us - match.start_us) / 1e6
 
-    def _matches(self, result: LiveResult, host_us: int) -> tuple[LiveMatch, ...]:
+    def _heartbeat(self) -> Match:
+        return heartbeat(self._given, self._jumps, int(1e6 * time.time()))
+
+    def _matches(self, result: LiveResult, host_us: int) -> tuple[Match, ...]:
         """Return the matches of a piece of bytes that came at `host_us`."""
-        locator = self._locator
-        if not result.matches.size or locator is None:
+        if not result.matches:
             return ()
         self._beat_s = time.monotonic()
         found = []
-        rows = map(MatchRow._make, result.matches.tolist())
-        every = zip(rows, result.missing, result.at, result.jumps, strict=True)
-        for row, missing, at, jumps in every:
-            age_s = self._lag.age_s(row.time_us, self._beat_s)
-            self._newest_max_age_s = self._oldest_s((row.time_us - row.start_us) / 1e6)
+        for match in result.matches:
+            age_s = self._lag.age_s(match.time_us, self._beat_s)
+            oldest_s = self._newest_max_age_s = self._oldest_s(match)
             then_us = host_us
             if not math.isnan(age_s):
                 then_us = int(1e6 * (time.time() - age_s))
-            where: dict[str, Any] = locator.locate(at)
-            match = LiveMatch(
-                time_s=row.time_us / 1e6, query=self._given, place=row.place,
-                distance=row.distance, second=row.second, second_distance=row.second_distance,
-                ratio=row.ratio, events=row.events, start_s=row.start_us / 1e6,
-                trust=row.trust, misfit=row.misfit, probability=row.probability, lost=row.lost,
-                missing=missing, age_s=age_s, host_us=then_us, jumps=jumps, **where,
-            )  # fmt: skip
-            found.append(at_age(match, age_s, self._newest_max_age_s))
-            self._given, self._jumps = self._given + 1, jumps
+            found.append(match.at_age(age_s, oldest_s, query=self._given, host_us=then_us))
+            self._given, self._jumps = self._given + 1, match.jumps
             if self._odometry is not None and match.along_m is not None:
-                driven_m = self._live.odometer_check.distance_mm / 1e3
-                self._ratio.match(row.time_us, driven_m, match.along_m, jumps)
+                driven_m = self._matcher.odometer_check.distance_mm / 1e3
+                self._ratio.match(match.time_us, driven_m, match.along_m, match.jumps)
         self._newest = found[-1]
         self.health.odometer_m, self.health.route_m = self._ratio.driven_m, self._ratio.route_m
         return tuple(found)
 
-    def _outdated(self, now_s: float) -> tuple[LiveMatch, ...]:
+    def _outdated(self, now_s: float) -> tuple[Match, ...]:
         """Return the newest match once more, as lost, if none came until it was too old."""
         newest = self._newest
         if newest is None or newest.lost or self._every is None:
             return ()
         # matches at a change of the place hold for as long as the camera is heard
-        held_us = self.decoder.reached_us if self._every.change else int(1e6 * newest.time_s)
+        held_us = self.decoder.reached_us if self._every.change else newest.time_us
         if not self._lag.age_s(held_us, now_s) > self._newest_max_age_s:
             return ()
-        age_s = self._lag.age_s(int(1e6 * newest.time_s), now_s)
-        self._newest = at_age(newest, age_s, self._newest_max_age_s)
+        age_s = self._lag.age_s(newest.time_us, now_s)
+        self._newest = newest.at_age(age_s, self._newest_max_age_s)
         return (self._newest,)
 
     def _look(self, step: LiveStep) -> None:
         """Do what remains after a step: odometer and messages."""
         if step.result is not None and self._state_file is not None:
-            self._state_file.keep(self._live, self._heard_s)
+            self._state_file.keep(self._matcher, self._heard_s)
         self._look_at_odometer(time.monotonic())
         self._line.look(nothing_came=step.result is None)
 
@@ -634,9 +623,9 @@ class LiveSession:
 
     def _read_odometer(self, shown_mm: int) -> None:
         """Give a reading to the filter, and report the first leap and an odometer that is stuck."""
-        check = self._live.odometer_check
+        check = self._matcher.odometer_check
         leaps, stuck = check.leaps, check.stuck
-        reading = self._live.read_odometer(shown_mm)
+        reading = self._matcher.read_odometer(shown_mm)
         if check.leaps > leaps == 0:
             self._say(
                 "odometer",
@@ -664,11 +653,11 @@ class LiveSession:
             return LiveStep(None, now, self._new_readings())
         self.decoder.health.cut_off = bool(self._reader.lost_link)
         self.ended = True
-        result = self._live.finish()
-        self._misfits.look(result.matches["misfit"])
+        result = self._matcher.finish()
+        self._misfits.look(result.rows["misfit"])
         self._recorder.write_events(result.events)
         if self._state_file is not None:
-            self._state_file.close(self._live, self._heard_s)
+            self._state_file.close(self._matcher, self._heard_s)
         self._stack.close()
         self.decoder.health.line_errors = self._reader.line_errors
         matches = self._matches(result, int(1e6 * time.time()))

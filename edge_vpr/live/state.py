@@ -21,7 +21,7 @@ from typing import Any, BinaryIO, NamedTuple
 
 from edge_vpr.archive import Arrays, archive_errors, archive_kind, read_archive, write_archive
 from edge_vpr.errors import EdgeVprError, UsageError, printable
-from edge_vpr.live.localiser import LiveLocaliser
+from edge_vpr.live.stream_matcher import StreamMatcher
 from edge_vpr.online.localiser import Localiser
 from edge_vpr.online.schedule import MatchSchedule
 from edge_vpr.reference_map import ReferenceMap
@@ -39,7 +39,7 @@ BOOT_ID = Path("/proc/sys/kernel/random/boot_id")
 class LiveState(NamedTuple):
     """State of a session at one time."""
 
-    arrays: Arrays  #: See `LiveLocaliser.to_state`.
+    arrays: Arrays  #: See `StreamMatcher.to_state`.
     values: dict[str, Any]  #: Of JSON.
 
 
@@ -95,8 +95,8 @@ def state_steps(reference: ReferenceMap, every: MatchSchedule | None) -> list[Wa
     """Return the warm-up of keeping a state and of going on from it."""
 
     def keep_and_resume() -> None:
-        run = Localiser(reference, every=every).run
-        Localiser(reference, every=every).run.resume(run.to_arrays(), run.now_us, run.floor_us)
+        kept = Localiser(reference, every=every)
+        Localiser(reference, every=every).resume(kept.to_arrays(), kept.now_us, kept.floor_us)
 
     return [WarmUpStep("state", keep_and_resume)]
 
@@ -123,7 +123,7 @@ def read_state(path: Path, localiser: Localiser, checksum: str) -> Resumable | s
         with archive_errors(path, "delete it", KIND):
             if values["of"] != checksum:
                 return "it is of another map, of other settings or of another edge-vpr"
-            localiser.run.resume(arrays, values["now_us"], values["floor_us"])
+            localiser.resume(arrays, values["now_us"], values["floor_us"])
     except EdgeVprError:
         return "it is damaged, or is no state, or cannot be read"
     return Resumable(localiser, values)
@@ -165,7 +165,7 @@ class StateFile:
         self._writer: StateWriter | None = None
         self._reported = ""
 
-    def resume(self, live: LiveLocaliser, heard_s: float, *, live_line: bool) -> None:
+    def resume(self, live: StreamMatcher, heard_s: float, *, live_line: bool) -> None:
         """Go on from the state of the file when the first bytes come, or say why not.
 
         After another start of the machine, the state says where the robot was, and not when: it may
@@ -200,7 +200,7 @@ class StateFile:
             self._reported = "no live line"
             self._say("state", "a file or pipe is read again from its start: no state is kept")
 
-    def keep(self, live: LiveLocaliser, heard_s: float) -> None:
+    def keep(self, live: StreamMatcher, heard_s: float) -> None:
         """Hand the state to its writer now and then, and report once that it cannot be written.
 
         Parameters
@@ -216,7 +216,7 @@ class StateFile:
             self._say("state", f"the state is not kept: {writer.error}")
         self._reported = writer.error
 
-    def close(self, live: LiveLocaliser, heard_s: float) -> None:
+    def close(self, live: StreamMatcher, heard_s: float) -> None:
         """Keep the last state."""
         if self._writer is not None:
             self._writer.close(self._state(live, heard_s))
@@ -225,7 +225,7 @@ class StateFile:
         """Let another session have the file."""
         self._lock.release()
 
-    def _state(self, live: LiveLocaliser, heard_s: float) -> LiveState:
+    def _state(self, live: StreamMatcher, heard_s: float) -> LiveState:
         arrays, values = live.to_state()
         heard_us = _since_boot_us_at(heard_s)
         when = {"boot": boot(), "since_boot_us": heard_us}

@@ -16,7 +16,7 @@ from edge_vpr.confidence import Acceptance, Confidence
 from edge_vpr.descriptors.windows import Descriptors
 from edge_vpr.errors import MapError, UsageError, expect
 from edge_vpr.matching.distances import BLOCK_DISTANCES, ReferenceIndex
-from edge_vpr.matching.filter_match import MISFIT, TRUST, FilterMatch
+from edge_vpr.matching.match import MATCH_DTYPE
 from edge_vpr.matching.matches import CANDIDATES, Matches
 from edge_vpr.matching.place_filter import PlaceFilter, WindowRows
 from edge_vpr.matching.prediction import Metrics, Travelled, check_no_odometry
@@ -42,28 +42,28 @@ class FilteredDrive(NamedTuple):
 
     Attributes
     ----------
-    columns : ndarray of int64, shape (n, 7)
-        Fields of `FilterMatch`.
+    rows : ndarray of MATCH_DTYPE, shape (n,)
+        Matches, without times and probability.
     candidates : ndarray of int64, shape (n, 25)
         Places of the least metrics, see `nearest_places`.
     metrics : ndarray of float64, shape (K, n), or None
         The metric of each place after each window.
     """
 
-    columns: npt.NDArray[np.int64]
+    rows: npt.NDArray[np.void]
     candidates: npt.NDArray[np.int64]
     metrics: npt.NDArray[np.float64] | None
 
     @classmethod
     def empty(cls, windows: int, metrics: npt.NDArray[np.float64] | None) -> FilteredDrive:
         """Return the matches of so many windows, not filled yet."""
-        columns = np.empty((windows, len(FilterMatch._fields)), dtype=np.int64)
-        return cls(columns, np.empty((windows, CANDIDATES), dtype=np.int64), metrics)
+        rows = np.empty(windows, dtype=MATCH_DTYPE)
+        return cls(rows, np.empty((windows, CANDIDATES), dtype=np.int64), metrics)
 
-    def put(self, first: int, columns: npt.NDArray[np.int64], metrics: Metrics) -> None:
+    def put(self, first: int, rows: npt.NDArray[np.void], metrics: Metrics) -> None:
         """Store the matches of some windows, with the metrics of all places, shape (n, K)."""
-        last = first + len(columns)
-        self.columns[first:last] = columns
+        last = first + len(rows)
+        self.rows[first:last] = rows
         self.candidates[first:last] = nearest_places(metrics.T)
         if self.metrics is not None:
             self.metrics[:, first:last] = metrics.T
@@ -123,10 +123,10 @@ def filter_drive(
     if smooth:
         _smooth(drive, found)
         if queries.unseen is not None:  # of windows within a gap, those on both sides know nothing
-            found.columns[queries.events == 0, TRUST] = 0
+            found.rows["trust"][queries.events == 0] = 0
         return found
     for first, _, rows in drive.advance(0, n):
-        found.put(first, rows.columns, rows.least)
+        found.put(first, rows.matches, rows.least)
     return found
 
 
@@ -210,18 +210,17 @@ def _smooth(drive: _Drive, found: FilteredDrive) -> None:
         best[begin:end], informative[begin:end] = rows.best[:, 0], rows.factor[:, 0] > 0
         for first in range(0, end - begin, drive.block):
             some = rows.part(first, min(first + drive.block, end - begin))
-            found.put(begin + first, some.columns, some.least)
+            found.put(begin + first, some.matches, some.least)
         del rows, some  # or two segments would be in memory while the next one is computed
-    columns = found.columns
-    columns[:, TRUST] = smoothed_trust(
+    found.rows["trust"] = smoothed_trust(
         best,
-        columns[:, TRUST],
+        found.rows["trust"],
         residual,
         drive.travelled,
         drive.unseen,
         place_filter.transitions,
     )
-    columns[:, MISFIT] = smoothed_misfit(columns[:, MISFIT], informative)
+    found.rows["misfit"] = smoothed_misfit(found.rows["misfit"], informative)
 
 
 # Matching of all query windows of a recorded drive, by sequences or by the place filter.
@@ -322,24 +321,10 @@ def match_by_filter(
 ) -> Matches:
     """Match every query window by a place filter in its initial state; see `filter_drive`."""
     found = filter_drive(place_filter, index, queries, odometry, smooth=settings.smooth)
-    place, metric, second, second_metric, ties, trust, misfit = found.columns.T
-    probability, lost = acceptance.accept(trust, misfit)
-    return Matches(
-        settings=settings,
-        places_in_map=index.places,
-        query=np.arange(len(queries), dtype=np.int64),
-        time_us=queries.centre_us,
-        place=place,
-        distance_sum=metric,
-        second=second,
-        second_sum=second_metric,
-        ties=ties,
-        candidates=found.candidates,
-        trust=trust,
-        misfit=misfit,
-        probability=probability,
-        lost=lost,
-    )
+    rows = found.rows
+    rows["start_us"], rows["time_us"] = queries.start_us, queries.end_us
+    rows["probability"], rows["lost"] = acceptance.accept(rows["trust"], rows["misfit"])
+    return Matches.of_rows(rows, settings, index.places, found.candidates)
 
 
 # Matrix of the distances from all query windows of a drive to all places.

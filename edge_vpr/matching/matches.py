@@ -93,10 +93,9 @@ class Matches(EqualByValue):
         Nearest places, nearest first (ties: lowest first); -1 where the map has fewer. For matches
         event by event only the best place, shape (n, 1).
     trust : ndarray of int64, shape (n,)
-        Higher means more confident: for the place filter see `filter_match.FilterMatch`, for
-        sequences the margin.
+        Higher means more confident, see `Match`.
     misfit : ndarray of int64, shape (n,)
-        0 where views resemble the map's, see `filter_match.FilterMatch`; -1 for sequences.
+        0 where views resemble the map's, see `Match`; -1 for sequences.
     probability : ndarray of float64, shape (n,)
         Probability that the match is correct, see `confidence.Confidence`; NaN if unknown.
     lost : ndarray of bool, shape (n,)
@@ -164,13 +163,21 @@ class Matches(EqualByValue):
         return ratio_to_second(self.distance_sum, self.second_sum)
 
     @classmethod
-    def of_rows(cls, rows: npt.NDArray[np.void], settings: Settings, places_in_map: int) -> Matches:
-        """Build from the match records of a localiser.
+    def of_rows(
+        cls,
+        rows: npt.NDArray[np.void],
+        settings: Settings,
+        places_in_map: int,
+        candidates: npt.NDArray[np.int64] | None = None,
+    ) -> Matches:
+        """Build from match records.
 
         Parameters
         ----------
         rows : ndarray of MATCH_DTYPE, shape (n,)
             Each is a query: the window that was newest at its time.
+        candidates : ndarray of int64, shape (n, c), optional
+            Nearest places; by default the best alone.
         """
         n, length = len(rows), settings.windows_per_match
         known = rows["second"] >= 0
@@ -180,16 +187,10 @@ class Matches(EqualByValue):
             places_in_map=places_in_map,
             query=np.arange(n, dtype=np.int64),
             time_us=rows["start_us"] + (rows["time_us"] - rows["start_us"]) // 2,
-            place=rows["place"],
             distance_sum=np.rint(rows["distance"] * length).astype(np.int64),
-            second=rows["second"],
             second_sum=np.where(known, np.rint(second * length), -1).astype(np.int64),
-            ties=rows["ties"],
-            candidates=rows["place"][:, None],
-            trust=rows["trust"],
-            misfit=rows["misfit"],
-            probability=rows["probability"],
-            lost=rows["lost"],
+            candidates=rows["place"][:, None] if candidates is None else candidates,
+            **{name: rows[name].copy() for name in _SHARED},
         )
 
     def take(self, rows: npt.NDArray[np.integer] | slice) -> Matches:
@@ -264,6 +265,8 @@ class Matches(EqualByValue):
         return pandas.DataFrame(columns)
 
 
+#: Columns that are fields of a `Match`.
+_SHARED = ("place", "second", "ties", "trust", "misfit", "probability", "lost")
 _COLUMNS = tuple(field.name for field in fields(Matches))[2:]  # all arrays
 #: Columns of ``matches.csv``; `MATCH_DTYPE` and JSON rows use the same names, except that times in
 #: arrays are `time_us`.

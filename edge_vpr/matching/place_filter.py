@@ -40,16 +40,7 @@ from edge_vpr.matching.evidence import (
     sum_of,
     weight_of,
 )
-from edge_vpr.matching.filter_match import (
-    METRIC,
-    MISFIT,
-    PLACE,
-    SECOND,
-    SECOND_METRIC,
-    TIES,
-    TRUST,
-    FilterMatch,
-)
+from edge_vpr.matching.match import MATCH_DTYPE, Match, write_distances
 from edge_vpr.matching.prediction import (
     GAIN_STEP,
     LANES,
@@ -131,8 +122,8 @@ class WindowRows(NamedTuple):
 
     Attributes
     ----------
-    columns : ndarray of int64, shape (n, 7)
-        Fields of `FilterMatch`.
+    matches : ndarray of MATCH_DTYPE, shape (n,)
+        Without times, number of events, and probability.
     least : ndarray of int32, shape (n, K)
         Least metric of each place after each window.
     metrics : ndarray of int16, shape (n, K, LANES)
@@ -151,7 +142,7 @@ class WindowRows(NamedTuple):
         Best place and its hypothesis.
     """
 
-    columns: npt.NDArray[np.int64]
+    matches: npt.NDArray[np.void]
     least: Metrics
     metrics: Narrow
     evidence: npt.NDArray[np.uint8]
@@ -163,9 +154,9 @@ class WindowRows(NamedTuple):
 
     @classmethod
     def empty(cls, windows: int, sums: int, places: int) -> WindowRows:
-        """Return uninitialised rows."""
+        """Return rows to be written."""
         return cls(
-            np.empty((windows, len(FilterMatch._fields)), dtype=np.int64),
+            np.zeros(windows, dtype=MATCH_DTYPE),
             np.empty((windows, places), dtype=np.int32),
             np.empty((windows, places, LANES), dtype=np.int16),
             np.empty((windows, sums, places), dtype=np.uint8),
@@ -221,7 +212,7 @@ def match_window(
         before.predicted_for = seen.activity
     evidence(state, table, distances, seen, rows, i)
     add(state.prediction, rows.evidence[i], rows.sums[i], hypotheses, rows.metrics[i])
-    nearest = best(rows.metrics[i], table, rows.least[i], rows.columns[i])
+    nearest = best(rows.metrics[i], table, rows.least[i], rows.matches[i])
     rows.best[i, 0], rows.best[i, 1] = nearest.place, nearest.gain
     trust(state, table, nearest, rows, i)
 
@@ -377,7 +368,7 @@ class Best(NamedTuple):
 
 
 @kernel(inner=True)
-def best(metric: Narrow, table: FilterTable, least: Metrics, row: npt.NDArray[np.int64]) -> Best:
+def best(metric: Narrow, table: FilterTable, least: Metrics, row: Any) -> Best:
     """Write a match without its trust and misfit.
 
     Parameters
@@ -386,8 +377,8 @@ def best(metric: Narrow, table: FilterTable, least: Metrics, row: npt.NDArray[np
         Cost of each place and hypothesis.
     least : ndarray of int32, shape (K,)
         Output: the least metric of each place.
-    row : ndarray of int64, shape (7,)
-        Output: fields of `FilterMatch`.
+    row : record of MATCH_DTYPE
+        Output.
     """
     for k in range(len(metric)):
         of_place = metric[k, 0]
@@ -400,10 +391,8 @@ def best(metric: Narrow, table: FilterTable, least: Metrics, row: npt.NDArray[np
         first -= 1
     while last < min(place + table.reach, least.size - 1) and least[last + 1] <= most:
         last += 1
-    row[PLACE], row[METRIC], row[TIES] = (first + last + 1) >> 1, least[place], ties
-    row[SECOND], row[SECOND_METRIC] = second, -1
-    if second >= 0:
-        row[SECOND_METRIC] = least[second]
+    row["place"], row["second"], row["ties"] = (first + last + 1) >> 1, second, ties
+    write_distances(row, least[place], least[second] if second >= 0 else np.int32(-1), 1)
     gain = 0
     while metric[place, gain] > least[place]:
         gain += 1
@@ -416,7 +405,7 @@ def best(metric: Narrow, table: FilterTable, least: Metrics, row: npt.NDArray[np
 @kernel(inner=True)
 def trust(state: FilterState, table: FilterTable, nearest: Best, rows: WindowRows, i: int) -> None:
     """Write the trust in a match and its misfit, and the state after it."""
-    before, now, row = state.numbers[0], state.numbers[1], rows.columns[i]
+    before, now, row = state.numbers[0], state.numbers[1], rows.matches[i]
     place, of_sum = nearest.place, rows.sums[i, nearest.gain]
     if before.weight_by_distance != BY_STEPS:
         follows = state.follows[place]
@@ -427,10 +416,10 @@ def trust(state: FilterState, table: FilterTable, nearest: Best, rows: WindowRow
     now.support = support_after(kept, place == before.place, nearest.margin)
     now.age = min(before.age + 1, WHOLE_AGE) if follows else 0
     worst = max(residual, before.residual, before.residual_before)
-    row[TRUST] = trust_of(now.support, worst, now.age)
+    row["trust"] = trust_of(now.support, worst, now.age)
     of_window = window_misfit(against, place, table.typical, factor, rows.share[i])
     now.running_misfit = update_misfit(before.running_misfit, of_window, factor)
-    row[MISFIT] = reported_misfit(now.running_misfit)
+    row["misfit"] = reported_misfit(now.running_misfit)
     now.place, now.gain = place, nearest.gain
     now.residual, now.residual_before = residual, before.residual
 
@@ -516,8 +505,8 @@ class PlaceFilter:
     def __len__(self) -> int:
         return len(self.state.metric)
 
-    def update(self, distances: npt.NDArray[np.integer], events: int) -> FilterMatch:
-        """Advance by a finished window, and return its match.
+    def update(self, distances: npt.NDArray[np.integer], events: int) -> Match:
+        """Advance by a finished window, and return its match, of no time.
 
         Parameters
         ----------
@@ -529,7 +518,8 @@ class PlaceFilter:
         rows = self.update_windows(
             np.atleast_2d(distances)[np.newaxis], np.array([events], dtype=np.int64)
         )
-        return FilterMatch(*rows.columns[0].tolist())
+        match = Match(*rows.matches[0].tolist())
+        return match._replace(events=events, probability=np.nan)
 
     def update_windows(
         self, distances: npt.NDArray[np.integer], events: npt.NDArray[np.int64]

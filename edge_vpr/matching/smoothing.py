@@ -14,7 +14,6 @@ import numpy as np
 import numpy.typing as npt
 
 from edge_vpr.compiling import kernel
-from edge_vpr.matching.filter_match import MISFIT, TRUST
 from edge_vpr.matching.place_filter import WindowRows, best
 from edge_vpr.matching.prediction import (
     LANES,
@@ -50,23 +49,23 @@ def smooth_windows(
         first window.
     rows : WindowRows
         Updated in place: `least` becomes the least cost of the whole paths through each place, and
-        the columns and `best` the matches by it, with the margin as trust, in units of 1/16 of a
+        `matches` and `best` the matches by it, with the margin as trust, in units of 1/16 of a
         metric, and `window_misfit` as misfit. `factor` becomes that of the matched hypothesis in
         its first column.
     residual : ndarray of int64, shape (n,)
         Output: the evidence against each best place.
     """
     hypotheses = table.gains.size
-    for i in range(len(rows.columns) - 1, -1, -1):
-        row, sums, metric = rows.columns[i], rows.sums[i], rows.metrics[i]
+    for i in range(len(rows.matches) - 1, -1, -1):
+        row, sums, metric = rows.matches[i], rows.sums[i], rows.metrics[i]
         for k in range(len(metric)):
             for h in range(LANES):
                 metric[k, h] = np.int16(metric[k, h] + cost_to_go[k, h])
         place, gain, margin = best(metric, table, rows.least[i], row)
         against, factor = rows.evidence[i, sums[gain]], rows.factor[i, sums[gain]]
         rows.best[i, 0], rows.best[i, 1], rows.factor[i, 0] = place, gain, factor
-        residual[i], row[TRUST] = against[place], margin << TRUST_FRACTION_BITS
-        row[MISFIT] = window_misfit(against, place, table.typical, factor, rows.share[i])
+        residual[i], row["trust"] = against[place], margin << TRUST_FRACTION_BITS
+        row["misfit"] = window_misfit(against, place, table.typical, factor, rows.share[i])
         for k in range(len(metric)):
             for h in range(hypotheses):
                 behind = cost_to_go[k, h] + np.int16(rows.evidence[i, sums[h], k])

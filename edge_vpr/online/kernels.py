@@ -1,29 +1,18 @@
 """Kernels of the localiser, which match after every event.
 
-`process_events` is the one that a `MatchRun` calls.
+`process_events` is the one that a `Localiser` calls.
 """
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import numpy as np
-import numpy.typing as npt
 
 from edge_vpr.compiling import kernel
 from edge_vpr.confidence import NO_MISFIT, accept_match
 from edge_vpr.descriptors.windows import MAX_WINDOWS, is_pause
 from edge_vpr.errors import EventError
 from edge_vpr.events import TIME_LIMIT_US, Events, Sensor, check_after, check_events
-from edge_vpr.matching.filter_match import (
-    METRIC,
-    MISFIT,
-    PLACE,
-    SECOND,
-    SECOND_METRIC,
-    TIES,
-    TRUST,
-)
+from edge_vpr.matching.match import write_distances
 from edge_vpr.matching.place_filter import FilterState, WindowRows, end_window, match_window
 from edge_vpr.matching.prediction import FilterTable
 from edge_vpr.matching.search import exclusion_zone
@@ -36,6 +25,7 @@ from edge_vpr.online.sliding_windows import (
     take_moves,
     write_distances_of_sums,
 )
+from edge_vpr.online.state import OnlineState
 from edge_vpr.online.sums import least_in, ties_behind
 from fixedpoint.activity import SUMS
 
@@ -81,24 +71,6 @@ def sequence_match(sums, total, c, length, row):
 
 
 @kernel(inline="always")
-def write_distances(row, best_sum, second_sum, length):
-    """Write the distances of a match and their ratio.
-
-    Parameters
-    ----------
-    best_sum, second_sum : int
-        Sums over the L windows; the second is negative if there is no second place.
-    length : int
-        L.
-    """
-    row["distance"] = best_sum / length
-    row["second_distance"] = np.nan if second_sum < 0 else second_sum / length
-    row["ratio"] = np.nan if second_sum < 0 else 1.0
-    if second_sum > 0:
-        row["ratio"] = best_sum / second_sum
-
-
-@kernel(inline="always")
 def _second(sums, best, exclusion, places):
     """Return the best place outside the exclusion zone and its sum; -1 if there is none."""
     second, second_least = -1, sums[best]
@@ -113,7 +85,7 @@ def _second(sums, best, exclusion, places):
 
 
 @kernel(inner=True)
-def match_now(state, filter_table, rows, s, total, c, length, limits, over, row):
+def match_now(state, filter_table, rows, s, total, c, length, limits, over, out, i):
     """Match by the place filter or by sequences, or end the window of the place filter.
 
     `state`, `filter_table` and `rows` are None with sequences, `length` with the place filter.
@@ -126,8 +98,8 @@ def match_now(state, filter_table, rows, s, total, c, length, limits, over, row)
         match, or whether the window was a pause.
     over : bool
         Whether the window ends: the filter then advances, and there is no match.
-    row : record of MATCH_DTYPE
-        Output; `accept_match` and `process_events` write the other fields.
+    out : ndarray of MATCH_DTYPE
+        Output in row `i`; `accept_match` and `process_events` write the other fields.
 
     Returns
     -------
@@ -136,10 +108,9 @@ def match_now(state, filter_table, rows, s, total, c, length, limits, over, row)
     """
     if state is None:
         if length is not None:
-            return sequence_match(s.sums, total, c, length, row)
+            return sequence_match(s.sums, total, c, length, out[i])
         return False
     state, rows = FilterState(*state), WindowRows(*rows)
-    found = rows.columns[0]
     distances = np.empty(rows.evidence.shape[1:], dtype=np.int32)
     write_distances_of_sums(
         ContrastCodes(*s.contrast), s.counts, s.totals, s.columns, s.sums, SUMS, distances
@@ -152,13 +123,11 @@ def match_now(state, filter_table, rows, s, total, c, length, limits, over, row)
         c.paused = is_pause(events, state.numbers[0].mean_activity)
         end_window(state, rows.metrics[0])
         return False
-    best = found[PLACE]
+    best = rows.matches[0]["place"]
     if c.change and best == c.last_reported:
         return False
     c.last_reported = best
-    row["place"], row["second"], row["ties"] = best, found[SECOND], found[TIES]
-    row["trust"], row["misfit"] = found[TRUST], found[MISFIT]
-    write_distances(row, found[METRIC], found[SECOND_METRIC], 1)
+    out[i] = rows.matches[0]
     return True
 
 
@@ -226,84 +195,6 @@ def check_order(events: Events, floor_us: int, sensor: Sensor) -> None:
     check_events(events, sensor)
 
 
-# The state of a localiser's kernel, in one tuple.
-
-
-#: Initial capacity for the events of a chunk.
-CHUNK_EVENTS = 4_096
-#: A time later than the end of any window.
-NEVER = np.iinfo(np.int64).max
-
-#: Control of the kernel; times in microseconds.
-CONTROL = np.dtype(
-    [
-        # when to match, see `MatchSchedule`
-        ("every", "<i8"),
-        ("interval", "<i8"),
-        ("change", "<i8"),
-        ("next_tick", "<i8"),  # time of the next match by the interval
-        ("last_reported", "<i8"),  # place of the last match
-        # search
-        ("exclusion", "<i8"),  # of sequences: width of the zone around the best place
-        ("least_trust", "<i8"),  # of a match that is accepted
-        # place filter
-        ("windows", "<i8"),  # windows that a match compares
-        ("window_end", "<i8"),  # end of the current window; `NEVER` with sequences
-        ("paused", "<i8"),  # whether the window that ended last was a pause
-        # events
-        ("floor", "<i8"),  # earliest time that the next event may have
-        ("now", "<i8"),  # T: all earlier events have been processed, except for these:
-        ("read", "<i8"),  # first selected event of the chunk that is not processed yet
-        ("selected", "<i8"),  # number of selected events of the chunk
-        ("until", "<i8"),  # time of the last event of the chunk, to which the time advances
-    ]
-)
-
-
-class OnlineState(NamedTuple):
-    """State of the kernel `process_events`.
-
-    Attributes
-    ----------
-    windows : SlidingWindows
-        Counters of the newest windows, and their distances to all places.
-    filter : FilterState or None
-        Arrays shared with the `PlaceFilter`; None with sequences, as are the next two.
-    filter_table : FilterTable or None
-        See `Transitions`.
-    rows : WindowRows or None
-        Scratch of the place filter, for one window.
-    length : int or None
-        L of sequences; None with the place filter.
-    limits : ndarray of int64, shape (J,)
-        Largest number of events of each pixel that counts in a window, of the place filter.
-    control : ndarray of CONTROL, shape (1,)
-        Numbers of the kernel.
-    trust_steps, probability_steps : ndarray of int64 and float64, shape (m,)
-        `trust` and `probability` of `edge_vpr.confidence.Confidence`; m is 0 if it is unknown.
-    table : ndarray of int16 or int32, shape (height, width)
-        See `PixelMap.table`.
-    slots, times : ndarray of int32 and int64, shape (CHUNK_EVENTS or more,)
-        Selected events of the current chunk.
-    out : ndarray of MATCH_DTYPE, shape (MATCHES_AT_ONCE,)
-        Output of matches.
-    """
-
-    windows: SlidingWindows
-    filter: FilterState | None
-    filter_table: FilterTable | None
-    rows: WindowRows | None
-    length: int | None
-    limits: npt.NDArray[np.int64]
-    control: npt.NDArray[np.void]
-    trust_steps: npt.NDArray[np.int64]
-    probability_steps: npt.NDArray[np.float64]
-    table: npt.NDArray[np.signedinteger]
-    slots: npt.NDArray[np.int32]
-    times: npt.NDArray[np.int64]
-    out: npt.NDArray[np.void]
-
-
 # The kernel of the localiser, which processes events to matches without returning to Python.
 
 
@@ -352,7 +243,7 @@ def process_events(kernel_state, t, x, y, until):
     saturation, contrast = s.saturation, ContrastCodes(*s.contrast)
     columns, sums, changes = s.columns, s.sums, s.changes
     state, filter_table, rows, length = f.filter, f.filter_table, f.rows, f.length
-    tau, n, lags, mask = s.tau, s.n, s.counts.shape[0], s.slot.size - 1
+    tau, n, lags, mask, limits = s.tau, s.n, s.counts.shape[0], s.slot.size - 1, f.limits
     given, i, end = 0, c.read, c.selected
     # a countdown, because a division would take as long as the rest of processing an event
     left = c.every - bound[0] % c.every if c.every > 0 else np.int64(-1)
@@ -400,7 +291,7 @@ def process_events(kernel_state, t, x, y, until):
         if saturation == 0:
             recode(contrast, counts, totals, counters, columns, sums, changes)
         row, in_window = out[given], bound[0] - bound[1]
-        if match_now(state, filter_table, rows, s, totals[0], c, length, f.limits, over, row):
+        if match_now(state, filter_table, rows, s, totals[0], c, length, limits, over, out, given):
             row["time_us"], row["events"] = now, in_window
             # start of a fixed-count window: the time of its oldest event
             row["start_us"] = seen_until - tau if tau > 0 else ring_time[bound[1] & mask]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
@@ -19,35 +19,53 @@ from edge_vpr.archive import (
     read_archive,
     write_archive,
 )
+from edge_vpr.compiling import SharedState, specialise
 from edge_vpr.confidence import Confidence
 from edge_vpr.descriptors.counting import window_of
 from edge_vpr.descriptors.pixels import PixelMap
+from edge_vpr.descriptors.unseen import UnseenTime
 from edge_vpr.descriptors.windows import Descriptors, FixedTime, Window
 from edge_vpr.errors import EventError, UsageError, expect
 from edge_vpr.events import (
+    NO_EVENTS,
     TIME_LIMIT_US,
     Events,
     Sensor,
     as_events,
 )
+from edge_vpr.matching.match import MATCH_DTYPE, NO_MATCHES, MatchRows, join_matches
+from edge_vpr.matching.place_filter import PlaceFilter
 from edge_vpr.matching.prediction import check_no_odometry
-from edge_vpr.online.kernels import REFUSED, check_order
-from edge_vpr.online.runs import (
-    NO_MATCHES,
-    FilterRun,
-    MatchRows,
-    MatchRun,
-    SequenceRun,
-    join_matches,
+from edge_vpr.online.kernels import (
+    DONE,
+    GO_ON,
+    REFUSED,
+    RING_FULL,
+    WINDOW_OVER,
+    Stop,
+    check_order,
+    process_events,
 )
 from edge_vpr.online.schedule import MatchSchedule
+from edge_vpr.online.sliding_windows import (
+    SlidingWindows,
+    advance,
+    grown,
+    recount,
+    settle,
+    with_distances,
+)
+from edge_vpr.online.state import CONTROL, OnlineState, state_before
 from edge_vpr.reference_map import ReferenceMap
-from edge_vpr.route import MOST_MM, OdometerCheck, Odometry
+from edge_vpr.route import MOST_MM, Odometer, OdometerCheck
 from edge_vpr.settings import Settings
+from fixedpoint.activity import SUMS
+from fixedpoint.own_mean import RunningMean
 
 __all__ = ["Localiser"]
 
 KIND = "localiser state"
+_NOTHING = NO_EVENTS.columns[:3]  # instead of events
 
 
 class Localiser:
@@ -74,6 +92,22 @@ class Localiser:
         Schedule of matches: ``"event"``, a number of events such as ``"100"``, a time such as
         ``"50ms"``, ``"window"``, or ``"change"`` of the place. By default after each event. There
         is no match before the L windows are complete.
+
+    Attributes
+    ----------
+    places : ndarray of unsigned int, shape (K, J)
+        Places of the map.
+    state : OnlineState
+        All arrays. Counters and distances are updated when they are read, to the time `now_us`: all
+        earlier events have been processed.
+    unseen_time : UnseenTime
+        Finds the gaps of the stream.
+    odometer : Odometer
+        The robot's, in the present window.
+    odometer_check : OdometerCheck
+        Findings about live readings.
+    means : list of RunningMean
+        Of the contrast codes of each sum of windows; none with sequences.
     """
 
     def __init__(
@@ -93,32 +127,66 @@ class Localiser:
         self._reference = reference
         self._window, length = window_of(settings), settings.windows_per_match
         reference.check()
-        places, counters = reference.places.counts.shape
-        check_extent(places, counters, length, self._window)
-        self.run: MatchRun
+        self.places = reference.places.counts
+        check_extent(len(self.places), self.places.shape[1], length, self._window)
+        self.unseen_time = UnseenTime(self._window)
+        self._filter: PlaceFilter | None = None
+        self.odometer, self.odometer_check = Odometer(), OdometerCheck()
+        self._code, self.means = reference.own_mean_code, list[RunningMean]()
+        self._windows = 0  # that the place filter has finished
+        self._silence: tuple[object, ...] = ()  # the filter after a window without events
         if settings.matching == "filter":
-            self.run = FilterRun(reference, self._window, self.every)
-        else:
-            self.run = SequenceRun(reference, self._window, self.every)
+            self._filter = PlaceFilter.of(reference.places, settings, reference.along_mm)
+            self.odometer = Odometer(self._filter.transitions.spacing_mm)
+            self.odometer_check = OdometerCheck(_events_per_s(reference))
+            assert reference.mean is not None
+            self.means = [RunningMean(reference.mean) for _ in range(self._filter.sums)]
+        self._hold(state_before(reference, self.every, self._filter))
+        # not a record array, whose field access takes 1 us
+        self._control = np.asarray(self.state.control).view(CONTROL)[0]
+        self._out = self.state.out.view(np.uint8)
+        self._set_window_end()
 
     def __len__(self) -> int:
-        return len(self.run.places)
+        return len(self.places)
 
     def __repr__(self) -> str:
-        return f"Localiser({len(self)} places, at {self.run.now_us / 1e6:g} s)"
+        return f"Localiser({len(self)} places, at {self.now_us / 1e6:g} s)"
 
     @property
     def filled(self) -> float:
         """Share of the L windows that is complete, 0 to 1."""
         windows = self.settings.windows_per_match
         if isinstance(self._window, FixedTime):
-            return min(1.0, self.run.now_us / (windows * self._window.tau_us))
+            return min(1.0, self.now_us / (windows * self._window.tau_us))
         return min(1.0, self.selected / (windows * self._window.events))
+
+    @property
+    def selected(self) -> int:
+        """Events at the selected pixels so far."""
+        return int(self.state.windows.bound[0])
+
+    @property
+    def now_us(self) -> int:
+        """T: all earlier events have been processed."""
+        return int(self._control["now"])
+
+    @property
+    def floor_us(self) -> int:
+        """Earliest time that the next event may have."""
+        return int(self._control["floor"])
+
+    @property
+    def next_tick(self) -> int:
+        """Time of the next match by the interval of the schedule, in microseconds."""
+        return int(self._control["next_tick"])
 
     @property
     def next_match_us(self) -> int:
         """Time before which there is no match, if matches are scheduled by time only; else 0."""
-        return 0 if self.every.events else self.run.next_tick
+        return 0 if self.every.events else self.next_tick
+
+    # -- events, time, and the robot's odometer
 
     def update(self, events: Events) -> npt.NDArray[np.void]:
         """Feed the next events.
@@ -143,37 +211,32 @@ class Localiser:
         events = as_events(events)
         if not events.size:
             return NO_MATCHES
-        unseen_time, last_us = self.run.unseen_time, int(events.t[-1])
+        unseen_time, last_us = self.unseen_time, int(events.t[-1])
         if not unseen_time.is_near(last_us):
             self._check(events)
             return join_matches(self._update_over_gaps(events))
-        stop = self.run.process(events)
+        stop = self._call(events)
         if stop[1] == REFUSED:
             self._check(events)
         unseen_time.seen_us, unseen_time.told = last_us, False
-        return join_matches(self.run.go_on(stop))
+        return join_matches(self._go_on(stop))
 
     def _update_over_gaps(self, events: Events) -> MatchRows:
-        """Feed checked events, and tell the run when nothing was seen between them."""
-        run, found, begin = self.run, [], 0
-        for time_us, halves in run.unseen_time.feed(events.t):
+        """Feed checked events, and tell the filter when nothing was seen between them."""
+        found, begin = [], 0
+        for time_us, halves in self.unseen_time.feed(events.t):
             end = int(np.searchsorted(events.t, time_us))
             if end > begin:
-                found += run.go_on(run.process(events[begin:end]))
+                found += self._go_on(self._call(events[begin:end]))
                 begin = end
-            found += run.advance(time_us)
-            run.unseen(halves)
-        return found + run.go_on(run.process(events[begin:]))
+            found += self._advance(time_us)
+            self._unseen(halves)
+        return found + self._go_on(self._call(events[begin:]))
 
     def _check(self, events: Events) -> None:
         """Raise the error of events, if there is one."""
-        check_order(events, self.run.floor_us, self._reference.pixel_map.sensor)
-        self.every.check_ticks(self.run.next_tick, int(events.t[-1]))
-
-    @property
-    def selected(self) -> int:
-        """Events at the selected pixels so far."""
-        return int(self.run.state.windows.bound[0])
+        check_order(events, self.floor_us, self._reference.pixel_map.sensor)
+        self.every.check_ticks(self.next_tick, int(events.t[-1]))
 
     def advance(self, until_us: int) -> npt.NDArray[np.void]:
         """Advance the time to T = `until_us` without events, and return the scheduled matches.
@@ -188,7 +251,7 @@ class Localiser:
         ndarray of MATCH_DTYPE, shape (m,)
         """
         expect(until_us, (int, np.integer), "until_us", "whole microseconds")
-        floor_us = self.run.floor_us
+        floor_us = self.floor_us
         if until_us < floor_us:
             raise EventError(
                 f"time runs backwards, from {floor_us} to {until_us} us: name a later time"
@@ -197,12 +260,12 @@ class Localiser:
             raise EventError(
                 f"time {until_us} us lies beyond {TIME_LIMIT_US}: check the clock's unit"
             )
-        self.every.check_ticks(self.run.next_tick, until_us)
+        self.every.check_ticks(self.next_tick, until_us)
         found: MatchRows = []
-        for time_us, halves in self.run.unseen_time.until(until_us):
-            found += self.run.advance(max(time_us, floor_us))
-            self.run.unseen(halves)
-        return join_matches(found + self.run.advance(until_us))
+        for time_us, halves in self.unseen_time.until(until_us):
+            found += self._advance(max(time_us, floor_us))
+            self._unseen(halves)
+        return join_matches(found + self._advance(until_us))
 
     def read_odometer(
         self, time_us: int, distance_m: float, *, checked: bool = True
@@ -228,27 +291,20 @@ class Localiser:
         ndarray of MATCH_DTYPE, shape (m,)
             Matches scheduled by then.
         """
-        run = self.run
-        if not isinstance(run, FilterRun):
+        if self._filter is None:
             check_no_odometry(odometry=True)
             return NO_MATCHES
         expect(time_us, (int, np.integer), "time_us", "whole microseconds")
         expect(distance_m, (int, float, np.number), "distance_m", "metres as a number")
         if not abs(distance_m) * 1e3 <= MOST_MM:
             raise UsageError(f"odometer at {distance_m} m: expected at most {MOST_MM // 1000} m")
-        run.place_filter.transitions.check_odometry()
+        self._filter.transitions.check_odometry()
         matches, distance_mm = self.advance(time_us), round(distance_m * 1e3)
-        check = run.odometer_check
-        if not checked:
-            run.read_odometer(distance_mm)
-        elif check.read(int(time_us), distance_mm, self.selected):
-            run.read_odometer(check.distance_mm)
+        check = self.odometer_check
+        if not checked or check.read(int(time_us), distance_mm, self.selected):
+            self.odometer.read(check.distance_mm if checked else distance_mm)
+            self._travel()
         return matches
-
-    @property
-    def odometer_check(self) -> OdometerCheck | None:
-        """Findings about the odometer; None with sequences."""
-        return self.run.odometer_check if isinstance(self.run, FilterRun) else None
 
     def skip_ticks(self, until_us: int) -> None:
         """Skip the times of the schedule before `until_us`, except the last one.
@@ -261,7 +317,171 @@ class Localiser:
         interval = self.every.interval_us
         if interval:
             last = until_us // interval * interval
-            self.run.next_tick = max(self.run.next_tick, last)
+            self._control["next_tick"] = max(self.next_tick, last)
+
+    # -- the kernel, and the work that needs Python when it returns
+
+    def _hold(self, state: OnlineState) -> None:
+        """Hold a state, of which an array has grown."""
+        self.state, self._kernel_state = state, SharedState(state).kernel_state
+        self._process: Callable[..., Stop] = specialise(
+            process_events, self._kernel_state, *_NOTHING, GO_ON
+        )
+
+    def _call(self, events: Events) -> Stop:
+        """Call the kernel with events that are `Events.packed`."""
+        if events.size > self.state.slots.size:
+            # uninitialised: only pages with selected events take memory
+            slots, times = np.empty(events.size, np.int32), np.empty(events.size, np.int64)
+            self._hold(self.state._replace(slots=slots, times=times))
+        return self._process(self._kernel_state, events.t, events.x, events.y, GO_ON)
+
+    def _advance(self, until_us: int) -> MatchRows:
+        """Advance the time without events."""
+        return self._go_on(self._process(self._kernel_state, *_NOTHING, until_us))
+
+    def _go_on(self, stop: Stop) -> MatchRows:
+        """Call the kernel until all events are processed, and return all matches.
+
+        Parameters
+        ----------
+        stop : tuple
+            Result of the first call, which has not refused the events.
+
+        Returns
+        -------
+        list of ndarray of MATCH_DTYPE
+        """
+        found = []
+        while True:
+            matches, why = stop
+            if matches:
+                # copied as bytes: NumPy copies records field by field
+                taken = self._out[: matches * MATCH_DTYPE.itemsize].copy()
+                found.append(taken.view(MATCH_DTYPE))
+            if why == DONE:
+                return found
+            if why == RING_FULL:
+                self._hold(self.state._replace(windows=grown(self.state.windows)))
+            elif why == WINDOW_OVER:
+                self._window_over()
+            stop = self._process(self._kernel_state, *_NOTHING, GO_ON)
+
+    # -- the place filter between its windows
+
+    def _unseen(self, halves: int) -> None:
+        """Note that nothing was seen for so many halves of a window, until now."""
+        if self._filter is not None:
+            self._filter.unseen(halves)
+            self._travel()
+
+    def _travel(self) -> None:
+        """Predict places by the driven distance, if it is known, until the window ends."""
+        travelled = self.odometer.travelled_mm
+        if travelled is not None and self._filter is not None:
+            self._filter.predict_travelled(travelled, self.odometer.driven_mm)
+
+    def _set_window_end(self) -> None:
+        if self._filter is not None:
+            self._control["window_end"] = (self._windows + 1) * self.state.windows.tau
+
+    def _window_over(self) -> None:
+        """Finish a window that the place filter has ended."""
+        s, read = self.state.windows, self.odometer.fresh
+        self._windows += 1
+        self.odometer.end_window()
+        if not self._control["paused"]:
+            assert self._code is not None
+            for i, mean in enumerate(self.means):
+                mean.update(self._code.level(s.counts[: SUMS[i]].sum(axis=0)))
+                s.contrast.means[i] = mean.mean
+        if s.bound[0] == s.bound[1]:
+            self._skip_silence(read)
+        else:
+            self._silence = ()
+        self._set_window_end()
+
+    def _skip_silence(self, odometry: bool) -> None:
+        """Skip windows without events once they leave the filter unchanged."""
+        assert self._filter is not None
+        c, before = self._control, self._silence
+        self._silence = tuple(part.tobytes() for part in self._filter.to_arrays().values())
+        if self._silence == before and not odometry:
+            read, until = c["read"], c["until"]
+            if read < c["selected"]:
+                until = self.state.times[read]
+            if c["interval"]:
+                until = min(until, c["next_tick"])
+            self._windows = max(self._windows, int(until) // self.state.windows.tau - 1)
+
+    # -- keeping the state
+
+    def settled(self) -> SlidingWindows:
+        """Return the windows, with counters and distances updated to the current time."""
+        advance(self.state.windows, self.now_us)
+        settle(self.state.windows)
+        return self.state.windows
+
+    def to_arrays(self) -> Arrays:
+        """Return the arrays that `resume` needs, for an archive."""
+        s, c = self.settled(), self._control
+        alive = np.arange(s.bound[-1], s.bound[0]) & (s.slot.size - 1)
+        arrays = {
+            "places": self.places,
+            "slot": s.slot[alive],
+            "time": s.time[alive],
+            "bound": s.bound,
+            "schedule": np.array([c["next_tick"], c["last_reported"]], dtype=np.int64),
+            "seen": np.array([self.unseen_time.seen_us, self.unseen_time.told], dtype=np.int64),
+        }
+        if self._filter is None:
+            return arrays
+        arrays |= self._filter.to_arrays()
+        arrays["filter_windows"] = np.array([self._windows], dtype=np.int64)
+        meter = self.odometer
+        if meter.fresh or meter.anchored or meter.anchor != meter.latest:
+            state = [meter.latest, meter.anchor, meter.fresh, meter.anchored, meter.before]
+            arrays["filter_odometer"] = np.array(state, dtype=np.int64)
+            arrays["odometer_check"] = self.odometer_check.to_array()
+        arrays["filter_mean"] = np.stack([mean.total for mean in self.means])
+        arrays["filter_mean_windows"] = np.array([self.means[0].windows], dtype=np.int64)
+        return arrays
+
+    def resume(self, arrays: Arrays, now_us: int, floor_us: int) -> None:
+        """Restore the state from the arrays of `to_arrays`; the map must have the saved places."""
+        if self._filter is not None:
+            self._resume_filter(self._filter, arrays)
+        self._control["now"], self._control["floor"] = now_us, floor_us
+        tick, place = arrays["schedule"].tolist()
+        self._control["next_tick"], self._control["last_reported"] = tick, place
+        seen_us, told = arrays["seen"].tolist()
+        self.unseen_time.seen_us, self.unseen_time.told = seen_us, bool(told)
+        s, first = self.state.windows, int(arrays["bound"][-1])
+        while s.slot.size < arrays["slot"].size:
+            s = grown(s)
+        at = np.arange(first, first + arrays["slot"].size) & (s.slot.size - 1)
+        s.slot[at] = arrays["slot"]
+        s.time[at] = arrays["time"]
+        s.bound[:] = arrays["bound"]
+        s.counts[:] = recount(s)
+        self._hold(self.state._replace(windows=with_distances(s, self.places)))
+
+    def _resume_filter(self, place_filter: PlaceFilter, arrays: Arrays) -> None:
+        place_filter.resume(arrays)
+        (self._windows,) = arrays["filter_windows"].tolist()
+        if "filter_odometer" in arrays:
+            meter = self.odometer
+            meter.latest, meter.anchor, fresh, anchored, meter.before = arrays[
+                "filter_odometer"
+            ].tolist()
+            meter.fresh, meter.anchored = bool(fresh), bool(anchored)
+            self.odometer_check.resume(arrays["odometer_check"])
+            self._travel()
+        self._set_window_end()
+        for i, mean in enumerate(self.means):
+            mean.total = arrays["filter_mean"][i].copy()
+            mean.windows = int(arrays["filter_mean_windows"][0])
+            self.state.windows.contrast.means[i] = mean.mean
 
     def save(self, path: str | Path, *, overwrite: bool = False) -> None:
         """Save the map and the state, from which `load` continues exactly.
@@ -273,14 +493,13 @@ class Localiser:
         overwrite : bool
             Replace an existing file.
         """
-        run = self.run
-        arrays = map_arrays(self._reference) | run.to_arrays()
-        meta = self._meta() | {"now_us": run.now_us, "floor_us": run.floor_us}
+        arrays = map_arrays(self._reference) | self.to_arrays()
+        meta = self._meta() | {"now_us": self.now_us, "floor_us": self.floor_us}
         write_archive(path, KIND, arrays, meta, overwrite=overwrite)
 
     def checksum(self) -> str:
         """Return a checksum of the map, the settings and the version, which a state belongs to."""
-        arrays = map_arrays(self._reference) | {"places": self.run.places}
+        arrays = map_arrays(self._reference) | {"places": self.places}
         return checksum_of(self._meta() | {"edge_vpr": __version__}, arrays)
 
     def _meta(self) -> dict[str, Any]:
@@ -302,72 +521,16 @@ class Localiser:
         arrays, meta = read_archive(path, KIND)
         with archive_errors(path, "save the state again"):
             found = cls(searched_map(arrays, meta), every=MatchSchedule(**meta["every"]))
-            found.run.resume(arrays, meta["now_us"], meta["floor_us"])
+            found.resume(arrays, meta["now_us"], meta["floor_us"])
         return found
 
 
-# Feeding of events and odometer readings to a localiser in time order.
-
-
-class OdometryFeed:
-    """Feeds events and readings to a localiser in time order; at equal times, events come first.
-
-    Parameters
-    ----------
-    odometry : Odometry, optional
-        Without it, only events are fed.
-    """
-
-    def __init__(self, localiser: Localiser, odometry: Odometry | None = None) -> None:
-        self._localiser, self._read = localiser, 0
-        empty = np.empty(0, dtype=np.int64)
-        self._times = empty if odometry is None else np.maximum(odometry.time_us, 0)
-        self._metres = [] if odometry is None else (odometry.distance_mm / 1e3).tolist()
-
-    def update(self, events: Events) -> list[npt.NDArray[np.void]]:
-        """Feed the next events, and the readings up to the last of them.
-
-        Parameters
-        ----------
-        events : ndarray with fields t, x and y, shape (n,)
-            See `Localiser.update`.
-
-        Returns
-        -------
-        list of ndarray of MATCH_DTYPE
-        """
-        if events.size == 0:
-            return []
-        found, begin = [], 0
-        stop = self._read_by(int(events.t[-1]))
-        at = np.searchsorted(events.t, self._times[self._read : stop], side="right").tolist()
-        for reading, first in zip(range(self._read, stop), at, strict=True):
-            if first > begin:
-                found.append(self._localiser.update(events[begin:first]))
-                begin = first
-            found.append(self._reading(reading))
-        self._read = stop
-        found.append(self._localiser.update(events[begin:]))
-        return found
-
-    def finish(self, end_us: int | None) -> list[npt.NDArray[np.void]]:
-        """Feed the readings up to the end of the drive, if it is known, and return what is left."""
-        found = []
-        if end_us is not None:
-            stop = self._read_by(end_us)
-            found = [self._reading(reading) for reading in range(self._read, stop)]
-            self._read = stop
-            found.append(self._localiser.advance(end_us))
-        return found
-
-    def _read_by(self, time_us: int) -> int:
-        """Return how many readings there are up to a time."""
-        return int(np.searchsorted(self._times, time_us, side="right"))
-
-    def _reading(self, reading: int) -> npt.NDArray[np.void]:
-        return self._localiser.read_odometer(
-            int(self._times[reading]), self._metres[reading], checked=False
-        )
+def _events_per_s(reference: ReferenceMap) -> int:
+    """Return the selected events per second of a map's drive; 0 if unknown."""
+    windows = reference.windows
+    passed_us = int(windows.centre_us[-1] - windows.centre_us[0])
+    events = round(float(windows.selected_events.mean()) * (len(windows) - 1))
+    return events * 1_000_000 // passed_us if passed_us > 0 else 0
 
 
 # The part of a map that a saved localiser needs.

@@ -20,7 +20,7 @@ from edge_vpr.descriptors.pixels import PixelMap
 from edge_vpr.descriptors.windows import FixedCount, FixedTime
 from edge_vpr.events import Sensor, make_events
 from edge_vpr.matching.distances import distance_matrix
-from edge_vpr.matching.filter_match import FilterMatch
+from edge_vpr.matching.match import Match
 from edge_vpr.matching.place_filter import PlaceFilter
 from edge_vpr.matching.prediction import TransitionCosts, Transitions
 from edge_vpr.matching.search import best_matches
@@ -107,10 +107,10 @@ def by_filter(memories: Memories, codes, events):
         of_sums = codes[j, : design.sums]
         distances = np.abs(places[None].astype(int) - of_sums[:, None].astype(int)).sum(axis=2)
         rows = found.update_windows(distances[None].astype(np.int32), np.array([window]))
-        m = FilterMatch(*rows.columns[0].tolist())
-        second = (None, None) if m.second < 0 else (m.second, m.second_metric)
+        m = Match(*rows.matches[0].tolist())
+        second = (None, None) if m.second < 0 else (m.second, int(m.second_distance))
         accepted = m.second >= 0 and m.trust >= design.trust
-        matches.append(MatchResult(j, m.place, m.metric, *second, m.ties, accepted, m.trust))
+        matches.append(MatchResult(j, m.place, int(m.distance), *second, m.ties, accepted, m.trust))
     return matches
 
 

@@ -15,8 +15,8 @@ import numpy as np
 from edge_vpr.descriptors.pixels import PixelMap
 from edge_vpr.descriptors.windows import Descriptors
 from edge_vpr.events import Sensor, make_events
-from edge_vpr.live.localiser import LiveLocaliser
 from edge_vpr.live.protocols import open_decoder, open_encoder
+from edge_vpr.live.stream_matcher import StreamMatcher
 from edge_vpr.online.schedule import MatchSchedule
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.settings import Settings
@@ -90,7 +90,7 @@ def rehearsed(host):
     """Compile everything, so that no input is taken for an endless one."""
     decoder = open_decoder(host, SENSOR)
     decoder.warm_up()
-    LiveLocaliser(decoder, a_map(), MatchSchedule(interval_us=500))
+    StreamMatcher(decoder, a_map(), MatchSchedule(interval_us=500))
 
 
 def damaged(data, choose):
@@ -125,7 +125,7 @@ def one_input(pair, choose):
     decoder = open_decoder(host, sensor)
     live = None
     if matched:
-        live = LiveLocaliser(decoder, a_map(), MatchSchedule(interval_us=500))
+        live = StreamMatcher(decoder, a_map(), MatchSchedule(interval_us=500))
     now = received = 0
     for _ in range(choose.integer(1, 5)):
         what = choose.integer(0, 9)
@@ -147,8 +147,8 @@ def one_input(pair, choose):
         else:
             result = live.feed(data, host_us)
             now = checked(decoder, result.events, sensor, now)
-            assert result.matches.size < 200_000
-            assert result.matches.size == 0 or result.matches["place"].max() < 20
+            assert result.rows.size < 200_000
+            assert result.rows.size == 0 or result.rows["place"].max() < 20
     now = checked(decoder, decoder.finish(), sensor, now)
     assert decoder.health.bytes == received
     assert time.process_time() - began < MOST_SECONDS

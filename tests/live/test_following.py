@@ -10,9 +10,9 @@ from numba import config
 
 from edge_vpr.descriptors.cleaning import BurstFilter
 from edge_vpr.events import Sensor, join_events, make_events
-from edge_vpr.live.localiser import JUMP_US, MOST_TICKS, LiveLocaliser
 from edge_vpr.live.losses import LOSS_STEP_US
 from edge_vpr.live.protocols import open_decoder, open_encoder
+from edge_vpr.live.stream_matcher import JUMP_US, MOST_TICKS, StreamMatcher
 from edge_vpr.online.localiser import Localiser
 from edge_vpr.online.schedule import MatchSchedule
 from tests.online.test_filter_run import map_of as filtered_map
@@ -171,7 +171,7 @@ def test_a_stream_gives_the_results_of_its_events_whatever_comes_and_however_it_
 ):
     rng = np.random.default_rng(seed)
     reference = a_map(rng, kind, window, remove_bursts)
-    live = LiveLocaliser(open_decoder(device, SENSOR), reference, every)
+    live = StreamMatcher(open_decoder(device, SENSOR), reference, every)
     separate = Separate(device, reference, every)
     sent = a_stream(rng, device)
     for data in cut(rng, sent, whole):
@@ -179,18 +179,18 @@ def test_a_stream_gives_the_results_of_its_events_whatever_comes_and_however_it_
         found = live.feed(data, 0, dropped=lost)
         events, matches = separate.feed(data, lost)
         assert found.events.tolist() == events.tolist()
-        assert found.matches.tobytes() == matches.tobytes()
+        assert found.rows.tobytes() == matches.tobytes()
         assert live.decoder.health == separate.decoder.health
         assert balanced(live.decoder.health)
-        for match, missing in zip(matches, found.missing, strict=True):
-            separate.check_missing(match, missing)
+        for match, located in zip(matches, found.matches, strict=True):
+            separate.check_missing(match, located.missing)
     assert live.bursts_removed == (separate.bursts.removed if remove_bursts else 0)
     last = live.finish()
     ended = separate.decoder.finish()
     matches = separate.match(ended, separate.decoder.reached_us, last=True)
     assert last.events.tolist() == ended.tolist()
-    assert last.matches.tobytes() == matches.tobytes()
-    check_state(live._localiser)
+    assert last.rows.tobytes() == matches.tobytes()
+    check_state(live.localiser)
 
 
 @pytest.mark.parametrize("first", [0, 1, 5])
@@ -202,10 +202,10 @@ def test_time_of_dropped_bytes_has_no_matches_if_the_next_piece_has_no_whole_eve
     later.t += 100_000
     encoder = open_encoder("evt2", SENSOR)
     before, after = (encoder.encode(each) for each in (begun, later))
-    live = LiveLocaliser(open_decoder("evt2", SENSOR), reference, every)
+    live = StreamMatcher(open_decoder("evt2", SENSOR), reference, every)
     live.feed(before, 0)
     pieces = [after[:first], after[first:]] if first else [after]
-    found = [live.feed(piece, 0, dropped=100 * (not i)).matches for i, piece in enumerate(pieces)]
+    found = [live.feed(piece, 0, dropped=100 * (not i)).rows for i, piece in enumerate(pieces)]
     times = np.concatenate([each["time_us"] for each in found])
     assert times.size
     assert times.min() >= 100_000
@@ -224,7 +224,7 @@ def test_frames_one_by_one_and_all_at_once_give_the_same(kind):
     results = []
     for pieces in (frames, [b"".join(frames)]):
         decoder = open_decoder("evpr", SENSOR)
-        live = LiveLocaliser(decoder, reference, every)
+        live = StreamMatcher(decoder, reference, every)
         steps = [live.feed(piece, 0) for piece in pieces]
         results.append(
             [np.concatenate(each).tobytes() for each in list(zip(*steps, strict=True))[:2]]

@@ -10,9 +10,8 @@ import pytest
 from edge_vpr.descriptors.unseen import UnseenTime
 from edge_vpr.descriptors.windows import FixedCount, FixedTime
 from edge_vpr.events import join_events
-from edge_vpr.live.localiser import LiveLocaliser
-from edge_vpr.live.position import Locator
 from edge_vpr.live.protocols import open_decoder, open_encoder
+from edge_vpr.live.stream_matcher import StreamMatcher
 from edge_vpr.online.schedule import MatchSchedule
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.simulation import simulate_pair
@@ -43,13 +42,8 @@ def live_matches(reference, events, device, restarts, gap_s):
     """Host's time, metres and acceptance of each match of a camera that is away for a while."""
     decoder = open_decoder(device, reference.pixel_map.sensor)
     decoder.live = True
-    live = LiveLocaliser(decoder, reference, MatchSchedule(interval_us=50_000))
-    locator, encoder, begun_us, rows = (
-        Locator(reference),
-        open_encoder(device, decoder.sensor),
-        0,
-        [],
-    )
+    live = StreamMatcher(decoder, reference, MatchSchedule(interval_us=50_000))
+    encoder, begun_us, rows = open_encoder(device, decoder.sensor), 0, []
     begins = np.arange(0, int(events["t"][-1]), PIECE_US)
     cuts = np.searchsorted(events["t"], begins[1:])
     for begin_us, part in zip(begins.tolist(), split_events(events, cuts), strict=True):
@@ -65,9 +59,9 @@ def live_matches(reference, events, device, restarts, gap_s):
         if away:
             continue
         found = live.feed(data, host_us)
-        for match, at in zip(found.matches, found.at, strict=True):
-            then_us = host_us - (found.reached_us - int(match["time_us"]))
-            rows.append((then_us, locator.locate(at)["along_m"], not match["lost"]))
+        for match in found.matches:
+            then_us = host_us - (found.reached_us - match.time_us)
+            rows.append((then_us, match.along_m, not match.lost))
     return [np.array(column) for column in zip(*rows, strict=True)]
 
 

@@ -23,7 +23,8 @@ from edge_vpr.live.odometer import DrivenAndMatched, OdometerLine, OdometerReade
 from edge_vpr.live.protocols import open_encoder
 from edge_vpr.live.reader import Chunk
 from edge_vpr.live.session import LiveSession
-from edge_vpr.online.localiser import Localiser, OdometryFeed
+from edge_vpr.online.localiser import Localiser
+from edge_vpr.online.odometry_feed import OdometryFeed
 from edge_vpr.online.schedule import MatchSchedule
 from edge_vpr.recordings import open_recording, write_recording
 from edge_vpr.reference_map import ReferenceMap

@@ -19,10 +19,9 @@ from edge_vpr.errors import UsageError
 from edge_vpr.events import Sensor, join_events
 from edge_vpr.live import state as state_module
 from edge_vpr.live.bridge import Bridge, VirtualLink, open_device_link
-from edge_vpr.live.localiser import LiveLocaliser
-from edge_vpr.live.position import Locator
 from edge_vpr.live.protocols import open_decoder, open_encoder
 from edge_vpr.live.state import KIND, StateWriter
+from edge_vpr.live.stream_matcher import StreamMatcher
 from edge_vpr.online.localiser import Localiser
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.simulation import simulate_pair
@@ -100,8 +99,8 @@ def resumed(live, reference, passed_us):
     """A localiser that goes on from the state of another one, so much later."""
     arrays, values = live.to_state()
     localiser = Localiser(reference, every="50ms")
-    localiser.run.resume(arrays, values["now_us"], values["floor_us"])
-    later = LiveLocaliser(open_decoder("evpr", SENSOR), reference, "50ms")
+    localiser.resume(arrays, values["now_us"], values["floor_us"])
+    later = StreamMatcher(open_decoder("evpr", SENSOR), reference, "50ms")
     later.resume(localiser, values, passed_us)
     return later
 
@@ -113,7 +112,7 @@ def test_the_time_in_which_nothing_was_seen_gives_no_matches(count, first, how, 
     """After it, matches miss nothing as soon as their windows begin later, however bytes come."""
     path, events, _ = street
     reference, encoder = ReferenceMap.load(path), open_encoder("evpr", SENSOR)
-    live = LiveLocaliser(open_decoder("evpr", SENSOR), reference, "50ms")
+    live = StreamMatcher(open_decoder("evpr", SENSOR), reference, "50ms")
     for piece in split_events(between(events, 0, 4), 100):
         live.feed(encoder.encode(piece), int(piece["t"][-1]))
     if how == "another run":
@@ -125,8 +124,8 @@ def test_the_time_in_which_nothing_was_seen_gives_no_matches(count, first, how, 
     missing = []
     for n, data in enumerate(pieces):
         found = live.feed(data, 44_000_000, reopened=reopened and n == 0)
-        matches += found.matches.size
-        missing += found.missing
+        matches += found.rows.size
+        missing += [match.missing for match in found.matches]
     assert 30 <= matches <= 2 / 0.05 + 10
     assert (missing[0], missing[-1]) == (1.0, 0.0)
     assert missing == sorted(missing, reverse=True)
@@ -153,7 +152,7 @@ def test_a_robot_that_drove_on_unseen_is_found_again(how, clock, street, tmp_pat
     late = between(events, 17, 22)
     off_us = int(late["t"][0]) if clock == "restarts" else 0
     late.t -= off_us
-    live = LiveLocaliser(open_decoder("evpr", SENSOR), reference)
+    live = StreamMatcher(open_decoder("evpr", SENSOR), reference)
     live.decoder.live = True  # the host's clock says how long a restart took
     for piece in split_events(between(events, 0, 14), 700):
         live.feed(encoder.encode(piece), int(piece["t"][-1]))
@@ -161,16 +160,16 @@ def test_a_robot_that_drove_on_unseen_is_found_again(how, clock, street, tmp_pat
         live = resumed(live, reference, 3_000_000)
     if clock == "restarts":
         encoder = open_encoder("evpr:boot=1", SENSOR)
-    locator, rows = Locator(reference), []
+    rows = []
     for n, piece in enumerate(split_events(late, 250)):
         reopened = how == "the same run" and n == 0
         found = live.feed(
             encoder.encode(piece), int(piece["t"][-1]) + 17_000_000, reopened=reopened
         )
         true_m = track.at(piece["t"][-1:] + off_us)[0, 0]
-        for match, at in zip(found.matches, found.at, strict=True):
-            off_m = abs(locator.locate(at)["along_m"] - true_m)
-            rows.append((int(match["time_us"]), off_m, float(match["probability"])))
+        for match in found.matches:
+            off_m = abs(match.along_m - true_m)
+            rows.append((match.time_us, off_m, match.probability))
     assert 16_500_000 < rows[0][0] < 17_500_000
     assert all(off_m < 8.0 for time_us, off_m, _ in rows if time_us > rows[0][0] + 3_100_000)
     assert all(off_m < 8.0 for _, off_m, probability in rows if probability > 0.9)

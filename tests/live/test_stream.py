@@ -26,11 +26,10 @@ from edge_vpr.descriptors.counting import cleaned
 from edge_vpr.errors import MapError, RecordingError, UsageError
 from edge_vpr.events import Sensor, join_events, make_events
 from edge_vpr.live.bridge import Bridge, LineFaults, open_device_link
-from edge_vpr.live.localiser import LiveLocaliser
-from edge_vpr.live.match import LiveMatch
 from edge_vpr.live.protocols import open_decoder, open_encoder
 from edge_vpr.live.protocols.timestamps import CONFIRM
 from edge_vpr.live.session import LiveStatus, LiveStep
+from edge_vpr.live.stream_matcher import StreamMatcher
 from edge_vpr.map_making import coded_map
 from edge_vpr.online.localiser import Localiser
 from edge_vpr.online.schedule import MatchSchedule
@@ -254,14 +253,14 @@ def test_a_reader_of_lines_learns_that_the_camera_is_silent(drive, tmp_path):
 
 def test_an_overload_is_flagged_until_the_windows_are_whole_again(reference, events):
     sent = open_encoder("evpr:frame=256", SENSOR).encode(events)
-    live = LiveLocaliser(open_decoder("evpr", SENSOR), reference, MatchSchedule(interval_us=10_000))
+    live = StreamMatcher(open_decoder("evpr", SENSOR), reference, MatchSchedule(interval_us=10_000))
     third = len(sent) // 3
-    assert not any(live.feed(sent[:third], 0).missing)
+    assert not any(match.missing for match in live.feed(sent[:third], 0).matches)
     cut = third + 2_000
     flags = []
     for i in range(cut, len(sent), 1_000):
         step = live.feed(sent[i : i + 1_000], 0, dropped=2_000 if i == cut else 0)
-        flags += [share > 0 for share in step.missing]
+        flags += [match.missing > 0 for match in step.matches]
     health = live.decoder.health
     assert flags[0]
     assert not flags[-1]
@@ -282,11 +281,11 @@ def test_the_first_matches_after_a_loss_are_flagged_however_much_comes_at_once(
     before, after = (
         b"".join(frame + b"\0" for frame in part) for part in (frames[:third], frames[third + 9 :])
     )
-    live = LiveLocaliser(open_decoder("evpr", SENSOR), reference, MatchSchedule(interval_us=10_000))
-    assert not any(live.feed(before, 0).missing)
+    live = StreamMatcher(open_decoder("evpr", SENSOR), reference, MatchSchedule(interval_us=10_000))
+    assert not any(match.missing for match in live.feed(before, 0).matches)
     step = live.feed(after, 0)
-    assert step.matches.size > 50  # the windows of the first of them lack what was lost
-    assert step.missing[0] > 0
+    assert step.rows.size > 50  # the windows of the first of them lack what was lost
+    assert step.matches[0].missing > 0
     assert live.decoder.health.lost > 0
 
 
@@ -347,17 +346,17 @@ def test_a_host_that_is_held_up_goes_on_with_the_newest_and_says_what_is_gone(dr
 def test_a_device_that_sees_nothing_says_so_and_is_matched_all_the_same(reference, events):
     every = MatchSchedule(interval_us=10_000)
     encoder = open_encoder("evpr", SENSOR)
-    live = LiveLocaliser(open_decoder("evpr", SENSOR), reference, every)
+    live = StreamMatcher(open_decoder("evpr", SENSOR), reference, every)
     steps = [live.feed(encoder.start() + encoder.encode(events), 0)]
     last = int(events["t"][-1])
     for now in range(last + 50_000, last + 500_000, 50_000):
         steps.append(live.feed(encoder.idle(now), 0))
         assert steps[-1].events.size == 0
-        assert steps[-1].matches["time_us"][-1] == now // 10_000 * 10_000
+        assert steps[-1].rows["time_us"][-1] == now // 10_000 * 10_000
     later = events.copy()
     later.t += last + 1_000_000
     steps.append(live.feed(encoder.encode(later), 0))
-    found = np.concatenate([*(step.matches for step in steps), live.finish().matches])
+    found = np.concatenate([*(step.rows for step in steps), live.finish().rows])
     localiser = Localiser(reference, every=every)
     recording = Drive(join_events([events, later]), SENSOR)
     expected = [localiser.update(part) for part in cleaned(recording, reference.settings)]
@@ -373,12 +372,12 @@ def test_single_events_give_the_matches_of_the_recording(bursts, drive, referenc
     events = join_events(list(open_recording(drive / "query.npz")))[:16_000]
     every = MatchSchedule(interval_us=10_000)
     encoder = open_encoder("evpr", SENSOR)
-    live = LiveLocaliser(open_decoder("evpr", SENSOR), reference, every)
+    live = StreamMatcher(open_decoder("evpr", SENSOR), reference, every)
     steps = [live.feed(encoder.start(), 0)]
     pieces = split_events(events, np.arange(1, events.size))
     steps += [live.feed(encoder.encode(piece), 0) for piece in pieces]
     steps.append(live.finish())
-    found = np.concatenate([step.matches for step in steps])
+    found = np.concatenate([step.rows for step in steps])
     localiser = Localiser(reference, every=every)
     expected = [localiser.update(part) for part in cleaned(Drive(events, SENSOR), settings)]
     assert found.size > 50
@@ -387,14 +386,14 @@ def test_single_events_give_the_matches_of_the_recording(bursts, drive, referenc
 
 def test_a_loss_between_two_ticks_flags_the_next_match(reference, events):
     encoder, every = open_encoder("evpr", SENSOR), MatchSchedule(interval_us=50_000)
-    live = LiveLocaliser(open_decoder("evpr", SENSOR), reference, every)
+    live = StreamMatcher(open_decoder("evpr", SENSOR), reference, every)
     live.feed(encoder.start() + encoder.encode(events[:20_000]), 0)
     live.feed(encoder.encode(events[20_000:20_010]), 0)
     encoder.encode(events[20_010:20_020])  # lost
     flags = {}
     for piece in split_events(events[20_020:], np.arange(10, events.size - 20_020, 10)):
         step = live.feed(encoder.encode(piece), 0)
-        flags.update(zip(step.matches["time_us"].tolist(), step.missing, strict=True))
+        flags.update((match.time_us, match.missing) for match in step.matches)
     assert live.decoder.health.lost == 10
     begun = int(events["t"][20_020])
     span = reference.settings.sequence_length * reference.settings.tau_us
@@ -410,8 +409,9 @@ def test_a_jump_of_the_clock_gives_one_match_and_is_counted(tells, reference, ev
     """One undamaged frame may say anything: 599 s are 1.2 million ticks of 500 us."""
     last, jump_us = int(events["t"][-1]), 599_000_000
     encoder = open_encoder("evpr", SENSOR)
-    live = LiveLocaliser(open_decoder("evpr", SENSOR), reference, MatchSchedule(interval_us=500))
-    assert not any(live.feed(encoder.start() + encoder.encode(events), 0).missing)
+    live = StreamMatcher(open_decoder("evpr", SENSOR), reference, MatchSchedule(interval_us=500))
+    step = live.feed(encoder.start() + encoder.encode(events), 0)
+    assert not any(match.missing for match in step.matches)
     later = events.copy()
     later.t += last + jump_us
     if tells == "silence":
@@ -422,32 +422,32 @@ def test_a_jump_of_the_clock_gives_one_match_and_is_counted(tells, reference, ev
         sent = encoder.encode(join_events([events[-1:], later[:1]]))
     step = live.feed(sent, 0)
     # ticks that the burst filter held back, and one of the jump
-    assert 1 <= step.matches.size <= 10
+    assert 1 <= step.rows.size <= 10
     if tells == "silence":
-        assert step.matches["time_us"][-1] == (last + jump_us) // 500 * 500
+        assert step.rows["time_us"][-1] == (last + jump_us) // 500 * 500
     step = live.feed(encoder.encode(later[1:10_000]), 0)
-    assert step.missing[0] == 1.0
+    assert step.matches[0].missing == 1.0
     assert live.decoder.health.clock_jumps == 1
     assert "1 clock jump" in str(live.decoder.health)
     step = live.feed(encoder.encode(later[10_000:]), 0)
     # what follows is matched as if nothing had been, but for the flag
-    assert np.array_equal(np.diff(step.matches["time_us"]), np.full(step.matches.size - 1, 500))
+    assert np.array_equal(np.diff(step.rows["time_us"]), np.full(step.rows.size - 1, 500))
     localiser = Localiser(reference, every=MatchSchedule(interval_us=500))
     localiser.update(events)
     localiser.skip_ticks(int(later["t"][0]))
     expected = localiser.update(later)
-    expected = expected[np.isin(expected["time_us"], step.matches["time_us"])]
-    assert step.matches.tobytes() == expected.tobytes()
+    expected = expected[np.isin(expected["time_us"], step.rows["time_us"])]
+    assert step.rows.tobytes() == expected.tobytes()
 
 
 def test_a_piece_that_spans_millions_of_ticks_is_matched_at_all_of_them(reference):
     events = make_events([0, 700_000, 1_400_000, 1_410_000], [1, 2, 5, 6], [3, 4, 6, 7])
     every = MatchSchedule(interval_us=1)
-    live = LiveLocaliser(open_decoder("evpr", SENSOR), reference, every)
+    live = StreamMatcher(open_decoder("evpr", SENSOR), reference, every)
     step = live.feed(open_encoder("evpr", SENSOR).encode(events), 0)
     assert live.decoder.health.clock_jumps == 0
-    assert np.array_equal(np.diff(step.matches["time_us"]), np.ones(step.matches.size - 1))
-    assert step.matches.size > 1_000_000
+    assert np.array_equal(np.diff(step.rows["time_us"]), np.ones(step.rows.size - 1))
+    assert step.rows.size > 1_000_000
 
 
 def test_a_clock_that_is_set_back_while_silent_moves_nothing(drive):
@@ -463,7 +463,7 @@ def test_a_clock_that_is_set_back_while_silent_moves_nothing(drive):
 
 def test_a_map_of_another_sensor_is_refused(drive):
     with pytest.raises(MapError, match="use the map of this camera"):
-        LiveLocaliser(open_decoder("evt2", Sensor(10, 10)), ReferenceMap.load(drive / "map.npz"))
+        StreamMatcher(open_decoder("evt2", Sensor(10, 10)), ReferenceMap.load(drive / "map.npz"))
 
 
 @pytest.mark.parametrize(
@@ -759,14 +759,14 @@ def test_after_a_loss_the_place_filter_is_flagged_for_one_window_alone(reference
     }  # fmt: skip
     settings = reference.settings.replaced(changed, "the test")
     reference = coded_map(reference, settings)
-    live = LiveLocaliser(open_decoder("evpr", SENSOR), reference, MatchSchedule(events=1))
+    live = StreamMatcher(open_decoder("evpr", SENSOR), reference, MatchSchedule(events=1))
     encoder = open_encoder("evpr:frame=256", SENSOR)
     live.feed(encoder.start() + encoder.encode(events[:5_000]), 0)
     flagged = []
     encoder.encode(events[5_000:5_100])  # lost
     for i in range(5_100, 15_000, 100):
         result = live.feed(encoder.encode(events[i : i + 100]), 0)
-        flagged += zip(result.matches["time_us"].tolist(), result.missing, strict=True)
+        flagged += ((match.time_us, match.missing) for match in result.matches)
     times = [t for t, missing in flagged if missing]
     assert flagged[0][1]
     assert settings.tau_us <= times[-1] - times[0] < 2 * settings.tau_us
@@ -875,12 +875,8 @@ def test_a_speed_that_makes_no_sense_is_refused(speed, says, drive, capsys):
 
 def step_of(result, late_s=0.0):
     """The step of a session that gave this result."""
-    matches = []
-    for row, missing in zip(result.matches, result.missing, strict=True):
-        shared = {name: row[name].item() for name in row.dtype.names if name in LiveMatch._fields}
-        rest = {"missing": missing, "time_s": 0.0, "start_s": 0.0, "age_s": 0.0}
-        matches.append(LiveMatch(**shared, **rest, query=0, host_us=0, jumps=0))
-    return LiveStep(result, time.monotonic() - late_s, matches=tuple(matches))
+    matches = tuple(match._replace(age_s=0.0) for match in result.matches)
+    return LiveStep(result, time.monotonic() - late_s, matches=matches)
 
 
 def test_the_terminal_shows_where_we_are_and_what_is_wrong(sent, monkeypatch, reference):
@@ -898,7 +894,7 @@ def test_the_terminal_shows_where_we_are_and_what_is_wrong(sent, monkeypatch, re
             shown.append(console.export_text())
 
     monkeypatch.setattr(live_view, "_REFRESH_S", 0.0)
-    live = LiveLocaliser(open_decoder("evpr", SENSOR), reference, MatchSchedule(events=1))
+    live = StreamMatcher(open_decoder("evpr", SENSOR), reference, MatchSchedule(events=1))
     view = live_view.View(False, None, reference, Panel(Live()))
     data = sent.read_bytes()
     for part in (data[:10_000], data[10_000:80_000], data[90_000:]):
@@ -907,13 +903,11 @@ def test_the_terminal_shows_where_we_are_and_what_is_wrong(sent, monkeypatch, re
         view.tick(LiveStatus(live.decoder.health, live.filled))
     assert "waiting for the first match: " in shown[0]
     last = step.matches[-1]
-    assert (
-        f"place {last['place']} of 29 ({100 * last['place'] / 28:.0f} % of the route)" in shown[2]
-    )
+    assert f"place {last.place} of 29 ({100 * last.place / 28:.0f} % of the route)" in shown[2]
     (newest,) = step_of(step).matches[-1:]
     view.matches(step_of(step)._replace(matches=(newest._replace(lost=True),)))
     view.tick(LiveStatus(live.decoder.health, live.filled))
-    assert f"lost, at best place {last['place']} of 29" in shown[-1]
+    assert f"lost, at best place {last.place} of 29" in shown[-1]
     assert "ratio" not in shown[-1]  # of a place where the robot is not
     sure = newest._replace(probability=0.97)
     for probability, age_s, silent_s, place in (
@@ -927,9 +921,7 @@ def test_the_terminal_shows_where_we_are_and_what_is_wrong(sent, monkeypatch, re
         assert f"place  {place}" in shown[-1]
         assert ("probability" in shown[-1]) == bool(probability)
     live.decoder.health.silent_s = 0.0
-    assert (
-        f"ratio {last['ratio']:.3f}, {100 * step.missing[-1]:.0f} % of its events lost" in shown[2]
-    )
+    assert f"ratio {last.ratio:.3f}, {100 * last.missing:.0f} % of its events lost" in shown[2]
     assert "12.3 ms from byte to match" in shown[2]
     assert "no faults" in shown[1]
     assert "1 sequence gap" in shown[2]
@@ -939,7 +931,7 @@ def test_the_terminal_shows_where_we_are_and_what_is_wrong(sent, monkeypatch, re
 def test_a_line_of_status_comes_in_time_and_at_each_change(sent, capsys, monkeypatch, reference):
     """A journal gets a line a minute; that the link or the place is lost waits for none."""
     monkeypatch.setattr(live_view, "_LINE_S", 0.0)
-    live = LiveLocaliser(open_decoder("evpr", SENSOR), reference, MatchSchedule(events=1))
+    live = StreamMatcher(open_decoder("evpr", SENSOR), reference, MatchSchedule(events=1))
     log = io.StringIO()
     view = live_view.View(False, log, reference, None, line_s=60.0)
     health = live.decoder.health
@@ -1023,14 +1015,14 @@ def test_a_while_of_silences_wraps_and_heartbeats_gives_the_matches_of_the_recor
     reference = bench("soak").a_map(np.random.default_rng(1), sensor)
     every = MatchSchedule(events=50, interval_us=1_000_000)
     encoder, decoder = open_encoder(protocol, sensor), open_decoder(protocol, sensor)
-    live = LiveLocaliser(decoder, reference, every)
+    live = StreamMatcher(decoder, reference, every)
     offline, bursts = Localiser(reference, every=every), BurstFilter(sensor)
     found, expected, start, reached = [], [], None, 0
 
     def take(data):
         result = live.feed(data, 0)
-        assert not any(result.missing)
-        found.append(result.matches)
+        assert not any(match.missing for match in result.matches)
+        found.append(result.rows)
 
     take(encoder.start())
     for events in spells(rng, sensor, silence_s, end_us=1_440_000_000):
@@ -1042,7 +1034,7 @@ def test_a_while_of_silences_wraps_and_heartbeats_gives_the_matches_of_the_recor
         if protocol != "evpr":
             events.t -= start  # only evpr tells when the stream began
         expected += [offline.update(piece) for piece in bursts.pieces(events)]
-    found.append(live.finish().matches)
+    found.append(live.finish().rows)
     expected.append(offline.update(bursts.finish()))
     matches = np.concatenate(found)
     assert matches.size > 1_400

@@ -24,8 +24,8 @@ from edge_vpr.errors import EdgeVprError, UsageError
 from edge_vpr.events import join_events
 from edge_vpr.live.protocols import open_encoder
 from edge_vpr.live.session import LiveSession
+from edge_vpr.matching.match import MATCH_DTYPE
 from edge_vpr.matching.matches import TABLE
-from edge_vpr.online.runs import MATCH_DTYPE
 from edge_vpr.simulation import simulate_pair
 from firmware_model.design import Design
 from firmware_model.errors import DesignError

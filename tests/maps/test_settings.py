@@ -264,7 +264,7 @@ def test_keywords_for_type_checkers_are_the_settings_with_their_types():
 _TYPED = """
 from typing import Unpack
 
-from edge_vpr import AnyRecording, AnyTrack, LiveMatch, LiveSession
+from edge_vpr import AnyRecording, AnyTrack, LiveSession, Match
 from edge_vpr import PartName, ReferenceMap, SettingChanges, open_recording
 
 drive = open_recording("monday.raw", sensor=(346, 260))
@@ -280,7 +280,7 @@ def mine(**changes: Unpack[SettingChanges]) -> ReferenceMap:
 def mapped(recording: AnyRecording, track: AnyTrack) -> ReferenceMap:
     return ReferenceMap.build(recording, track=track)
 
-def shown(match: LiveMatch) -> int:
+def shown(match: Match) -> int:
     return match.place
 
 mine(pixels=50, places_per_window="auto", strategy=PartName("plugin:grid"))

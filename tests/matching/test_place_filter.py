@@ -96,7 +96,8 @@ def test_metrics_matches_and_trust_equal_the_oracle(
         match = found.update(row, int(count))
         assert found.state.metric[:, :hypotheses].T.tolist() == rows[w].metrics
         assert found.place == rows[w].advanced.best.place
-        told = match.place, match.metric, match.second, match.second_metric, match.ties
+        second = -1 if match.second < 0 else match.second_distance
+        told = match.place, match.distance, match.second, second, match.ties
         assert (*told, match.trust) == row_of_match(expected)
         assert match.misfit == misfits[w]
 
@@ -220,7 +221,7 @@ def test_the_cost_of_whole_paths_over_gains_equals_the_oracle(
     BackwardPass(found.transitions).add_to(results, counted_mm, [0] * windows, residual)
     for w, (one, costs_of_paths) in enumerate(smoothed(page, rows)):
         assert results.best[w].tolist() == [one.place, one.gain]
-        assert results.columns[w, 0] == one.told
+        assert results.matches["place"][w] == one.told
         assert residual[w] == rows[w].evidence(one.gain)[one.place]
         least = [min(column) for column in zip(*costs_of_paths, strict=True)]
         assert results.least[w].tolist() == least
@@ -348,7 +349,7 @@ def test_a_path_along_places_that_do_not_fit_is_not_trusted():
     matches = [found.update(row, 1) for row in distances]
     assert [match.place for match in matches[:16]] == list(range(10, 26))
     before, past = matches[14], matches[15]
-    assert before.trust > 200 and past.second_metric - past.metric > 15
+    assert before.trust > 200 and past.second_distance - past.distance > 15
     assert past.trust == 0
 
 
@@ -385,7 +386,7 @@ def test_a_stop_of_hours_without_an_event_does_not_move_the_match():
         found.update(row, 160)
     hours = np.zeros((30_000, 50), dtype=np.int64)
     rows = found.update_windows(hours[:, None], np.zeros(30_000, dtype=np.int64))
-    assert set(rows.columns[:, 0].tolist()) == {9}
+    assert set(rows.matches["place"].tolist()) == {9}
     assert found.state.numbers[0].mean_activity == 0
 
 
@@ -395,7 +396,7 @@ def test_a_slower_drive_is_followed_where_all_places_look_alike():
     distances[0] += 30 * (np.arange(50) != 4)
     found = PlaceFilter(Transitions(50, TransitionCosts()), mean_activity=256 * 160)
     rows = found.update_windows(distances[:, None], np.array([160, 160, 160, 40, 30, 40, 160]))
-    assert rows.columns[:, 0].tolist() == [4, 5, 6, 6, 6, 6, 7]
+    assert rows.matches["place"].tolist() == [4, 5, 6, 6, 6, 6, 7]
 
 
 def test_a_place_of_few_events_is_left_as_fast_with_few():
@@ -408,7 +409,7 @@ def test_a_place_of_few_events_is_left_as_fast_with_few():
     distances[0] += 30 * (np.arange(50) != 0)
     transitions = Transitions(50, TransitionCosts(), place_activity(seen))
     found = PlaceFilter(transitions, mean_activity=256 * 160)
-    assert found.update_windows(distances[:, None], queries).columns[:, 0].tolist() == list(
+    assert found.update_windows(distances[:, None], queries).matches["place"].tolist() == list(
         range(30)
     )
 

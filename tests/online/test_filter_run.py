@@ -14,7 +14,8 @@ from edge_vpr.errors import UsageError
 from edge_vpr.events import join_events, make_events
 from edge_vpr.map_making import coded_map, describe_query
 from edge_vpr.matching.drive import match_descriptors, match_query
-from edge_vpr.online.localiser import Localiser, OdometryFeed
+from edge_vpr.online.localiser import Localiser
+from edge_vpr.online.odometry_feed import OdometryFeed
 from edge_vpr.online.schedule import MatchSchedule
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.route import Odometry
@@ -203,9 +204,9 @@ def test_with_odometry_the_cut_of_the_stream_and_a_saved_state_change_nothing(tm
             Odometry(odometry.time_us[later], odometry.distance_mm[later]),
         ).update(events[cut:])
         assert without_ratio(np.concatenate([*begin, *rest])) == without_ratio(whole)
-    first.run.odometer.before = 7
+    first.odometer.before = 7
     first.save(tmp_path / "state.npz", overwrite=True)
-    assert vars(Localiser.load(tmp_path / "state.npz").run.odometer) == vars(first.run.odometer)
+    assert vars(Localiser.load(tmp_path / "state.npz").odometer) == vars(first.odometer)
 
 
 def test_a_reading_without_a_use_is_refused():

@@ -15,8 +15,8 @@ from edge_vpr.errors import EventError, MapError, UsageError
 from edge_vpr.events import Sensor, make_events
 from edge_vpr.map_making import describe
 from edge_vpr.matching.drive import match_descriptors
+from edge_vpr.matching.match import MATCH_DTYPE
 from edge_vpr.online.localiser import Localiser, check_extent
-from edge_vpr.online.runs import MATCH_DTYPE
 from edge_vpr.online.schedule import MatchSchedule
 from edge_vpr.online.sliding_windows import recount, with_distances
 from edge_vpr.reference_map import ReferenceMap
@@ -55,9 +55,8 @@ def feed(localiser, chunks):
 
 def check_state(localiser):
     """Counters and distances are those of the events in the windows, without any drift."""
-    run = localiser.run
-    windows = run.settled()
-    anew = with_distances(windows, run.places)
+    windows = localiser.settled()
+    anew = with_distances(windows, localiser.places)
     used = slice(anew.totals["sums"][0])
     assert np.array_equal(recount(windows), windows.counts)
     assert np.array_equal(anew.sums[used], windows.sums[used])
@@ -255,7 +254,7 @@ def test_the_ring_grows_when_a_window_holds_more_events_than_it():
     localiser = Localiser(reference, every=MatchSchedule(events=2_000))
     feed_checked(localiser, split_events(events, 3))
     selected = sum((x, y) in PIXELS for x, y in zip(events["x"], events["y"], strict=True))
-    assert 2 * 4096 / 3 < localiser.run.settled().counts.sum() < selected
+    assert 2 * 4096 / 3 < localiser.settled().counts.sum() < selected
 
 
 def test_a_match_at_every_interval_sees_the_events_before_it_and_not_after():
@@ -325,10 +324,10 @@ def test_a_faulty_chunk_is_refused_and_changes_nothing(events):
     )
     localiser = Localiser(reference)
     localiser.update(EVERYWHERE[:4])
-    before = localiser.run.settled().sums.copy()
+    before = localiser.settled().sums.copy()
     with pytest.raises(EventError):
         localiser.update(events)
-    assert np.array_equal(localiser.run.settled().sums, before)
+    assert np.array_equal(localiser.settled().sums, before)
     with pytest.raises(EventError, match="backwards"):
         localiser.update(EVERYWHERE[:2])
 

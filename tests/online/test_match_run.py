@@ -16,11 +16,11 @@ from edge_vpr.confidence import Acceptance, Confidence
 from edge_vpr.errors import EventError, UsageError
 from edge_vpr.events import EVENT_DTYPE, Events, make_events
 from edge_vpr.matching.matches import margin_to_second, ratio_to_second
-from edge_vpr.online.kernels import CHUNK_EVENTS, process_events, selected_in_order
+from edge_vpr.online.kernels import process_events, selected_in_order
 from edge_vpr.online.localiser import Localiser
-from edge_vpr.online.runs import MATCHES_AT_ONCE
 from edge_vpr.online.schedule import MatchSchedule
 from edge_vpr.online.sliding_windows import ContrastCodes, write_codes
+from edge_vpr.online.state import CHUNK_EVENTS, MATCHES_AT_ONCE
 from fixedpoint.own_mean import OwnMeanCode
 from tests.online.test_filter_run import map_of as filtered_map
 from tests.online.test_filter_run import with_ways

@@ -21,10 +21,10 @@ from edge_vpr_tools.report.tables import with_tables
 from lab.__main__ import parser
 
 from edge_vpr.events import Sensor
-from edge_vpr.live.match import LiveMatch
 from edge_vpr.live.protocols import Health, open_encoder
 from edge_vpr.map_making import map_traverse
 from edge_vpr.match_result import OnlineMetrics
+from edge_vpr.matching.match import Match
 from edge_vpr.recordings import write_recording
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.run_log import log_warning, logged_run
@@ -321,7 +321,7 @@ def test_the_page_of_outputs_names_every_column_and_key(tmp_path):
         *header, *metrics, *metrics["evaluation"], *arrays,
         *metrics["evaluation"]["rejection"], *metrics["evaluation"]["reliability"],
         *metrics["faults_dropped"], *metrics["evaluated_by"],
-        *(field.name for field in fields(Health)), *LiveMatch._fields,
+        *(field.name for field in fields(Health)), *Match._fields,
         *(field.name for field in fields(OnlineMetrics)),
         *json.loads((tmp_path / "results/run.json").read_text()),
     }  # fmt: skip

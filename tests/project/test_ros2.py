@@ -21,7 +21,7 @@ import pytest
 from edge_vpr_tools.live_view import row_of
 from edge_vpr_tools.publish import MatchServer
 
-from edge_vpr.live.match import LiveMatch
+from edge_vpr.matching.match import Match
 
 ADAPTER = Path(__file__).parents[2] / "tools/adapters/ros2"
 
@@ -70,9 +70,9 @@ def value_of(types, of, given, name):
 
 
 def row(**more):
-    match = LiveMatch(
-        time_s=0.0, query=0, place=7, distance=0.0, second=0, second_distance=0.0, ratio=0.0,
-        events=0, start_s=0.0, trust=0, misfit=0, probability=0.875, lost=False, missing=0.0,
+    match = Match(
+        time_us=0, query=0, place=7, distance=0.0, second=0, second_distance=0.0, ratio=0.0,
+        ties=0, events=0, start_us=0, trust=0, misfit=0, probability=0.875, lost=False, missing=0.0,
         age_s=0.0, host_us=STAMP_US, jumps=0,
     )  # fmt: skip
     return {**json.loads(row_of(match)), **more}

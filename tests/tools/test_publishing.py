@@ -29,9 +29,9 @@ from edge_vpr_tools.publish import MatchServer, parse_address
 from edge_vpr.errors import UsageError
 from edge_vpr.events import Sensor
 from edge_vpr.live.links import LinkError
-from edge_vpr.live.match import LiveMatch
 from edge_vpr.live.protocols import open_encoder
 from edge_vpr.live.session import LiveSession
+from edge_vpr.matching.match import Match
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.route import Route
 from edge_vpr.settings import Settings
@@ -105,18 +105,18 @@ def stream(drive, *words):
             "--map", str(folder / "map.npz"), "--json", *words]  # fmt: skip
 
 
-MATCH = LiveMatch(
-    time_s=2**50 / 1e6, query=3, place=2, distance=1.5, second=-1, second_distance=math.nan,
-    ratio=math.nan, events=7, start_s=1.0, trust=-(2**40), misfit=5, probability=0.1, lost=True,
-    missing=0.25, age_s=math.nan, host_us=-5, jumps=1,
+MATCH = Match(
+    time_us=2**50, query=3, place=2, distance=1.5, second=-1, second_distance=math.nan,
+    ratio=math.nan, ties=0, events=7, start_us=1_000_000, trust=-(2**40), misfit=5,
+    probability=0.1, lost=True, missing=0.25, age_s=math.nan, host_us=-5, jumps=1,
 )  # fmt: skip
 
 
 def test_a_row_has_every_field_of_its_match():
-    """And the coordinates that the map has, in the words of JSON."""
+    """And the coordinates that the map has, in the words of JSON, and times in seconds."""
     match = MATCH._replace(x_m=1.5, heading_deg=90.0, along_m=7.0, along_to_m=9.5, route_m=20.0)
-    expected = {"kind": "match", **match._asdict()}
-    for name in ("query", "y_m", "z_m", "latitude", "longitude"):
+    expected = {"kind": "match", "time_s": 2**50 / 1e6, "start_s": 1.0, **match._asdict()}
+    for name in ("time_us", "start_us", "query", "ties", "y_m", "z_m", "latitude", "longitude"):
         del expected[name]
     expected |= {"second_distance": None, "ratio": None, "age_s": None}
     line = row_of(match, ["x_m"])

@@ -3,7 +3,7 @@
 ``python tools/bench/byte_to_match.py`` plays a device on a pseudo-terminal, and takes the time from
 the write of a frame to the match that the frame gives: in a program that iterates over a
 `LiveSession`, and in a program that reads the output of `edge-vpr stream`. All of them sleep in
-between, as a robot's do. Before that it takes the time of the call of `LiveLocaliser.feed` alone,
+between, as a robot's do. Before that it takes the time of the call of `StreamMatcher.feed` alone,
 for frames that follow at once and after a sleep. The map keeps bursts: their removal waits for the
 next 2 to 4 ms of events.
 """
@@ -26,8 +26,8 @@ from soak import a_map
 
 from edge_vpr.events import Events, Sensor, make_events
 from edge_vpr.live.bridge import Bridge, VirtualLink
-from edge_vpr.live.localiser import LiveLocaliser
 from edge_vpr.live.protocols import open_decoder, open_encoder
+from edge_vpr.live.stream_matcher import StreamMatcher
 from edge_vpr.online.schedule import MatchSchedule
 
 SENSOR = Sensor(346, 260)
@@ -141,7 +141,7 @@ def feed(rate: float, number: int, *, pause_us: float = 0.0) -> npt.NDArray[np.f
     rng, encoder = np.random.default_rng(0), open_encoder("evpr", SENSOR)
     schedule = MatchSchedule(interval_us=FRAMES * FRAME_US)
     reference = a_map(rng, SENSOR, remove_bursts=False)
-    live = LiveLocaliser(open_decoder("evpr", SENSOR), reference, schedule)
+    live = StreamMatcher(open_decoder("evpr", SENSOR), reference, schedule)
     live.feed(encoder.start(), 0)
     sent = [encoder.encode(events) for events in frames(rng, rate, WARM + number)]
     taken = np.empty(len(sent))

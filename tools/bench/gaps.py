@@ -20,9 +20,8 @@ import numpy as np
 import numpy.typing as npt
 
 from edge_vpr.events import Events, join_events
-from edge_vpr.live.localiser import LiveLocaliser
-from edge_vpr.live.position import Locator
 from edge_vpr.live.protocols import open_decoder, open_encoder
+from edge_vpr.live.stream_matcher import StreamMatcher
 from edge_vpr.online.schedule import MatchSchedule
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.simulation import QUERY, SimulatedRecording, simulate_pair
@@ -69,8 +68,8 @@ def played(reference: ReferenceMap, events: Events, gaps: list[Gap], line: str, 
     device, again = LINES[line]
     decoder = open_decoder(device, reference.pixel_map.sensor)
     decoder.live = True
-    live, encoder = LiveLocaliser(decoder, reference, EVERY), open_encoder(device, decoder.sensor)
-    locator, rows = Locator(reference), []
+    live, encoder = StreamMatcher(decoder, reference, EVERY), open_encoder(device, decoder.sensor)
+    rows = []
     begun_us = dropped = starts = 0
     begins = np.arange(0, int(events.t[-1]), PIECE_US)
     cuts = np.searchsorted(events.t, begins[1:])
@@ -87,10 +86,10 @@ def played(reference: ReferenceMap, events: Events, gaps: list[Gap], line: str, 
             continue
         by_host = dropped if loss == LOSSES[2] else 0
         dropped, found = 0, live.feed(data, host_us, dropped=by_host)
-        for match, at in zip(found.matches, found.at, strict=True):
-            age_us = found.reached_us - int(match["time_us"])
-            accepted = not match["lost"] and age_us <= 2 * reference.settings.tau_us
-            rows.append((host_us - age_us, locator.locate(at)["along_m"], accepted))
+        for match in found.matches:
+            age_us = found.reached_us - match.time_us
+            accepted = not match.lost and age_us <= 2 * reference.settings.tau_us
+            rows.append((host_us - age_us, match.along_m, accepted))
     return Came(*(np.array(column) for column in zip(*rows, strict=True)))
 
 

@@ -26,8 +26,8 @@ from serial.tools import list_ports
 from edge_vpr import __version__
 from edge_vpr.descriptors.cleaning import BurstFilter
 from edge_vpr.errors import EdgeVprError, install_command, printable
-from edge_vpr.live.localiser import LiveLocaliser
 from edge_vpr.live.protocols import PROTOCOLS, open_decoder
+from edge_vpr.live.stream_matcher import StreamMatcher
 from edge_vpr.online.kernels import process_events
 from edge_vpr.online.schedule import MatchSchedule
 from edge_vpr.reference_map import ReferenceMap
@@ -118,7 +118,7 @@ def _run(
         return  # for recordings only
     decoder = open_decoder("evpr", first.sensor)
     schedule = MatchSchedule(interval_us=50_000)
-    LiveLocaliser(decoder, reference, schedule).finish()
+    StreamMatcher(decoder, reference, schedule).finish()
     if settings.matching == "filter":
         metred = replace(reference, odometer_mm=np.arange(len(reference), dtype=np.int64))
         bursts = BurstFilter(first.sensor)

@@ -24,12 +24,12 @@ from rich.text import Text
 
 from edge_vpr.confidence import OFF_MAP_MISFIT, OFF_MAP_TEXT
 from edge_vpr.errors import printable
-from edge_vpr.live.match import LiveMatch
 from edge_vpr.live.position import Locator
 from edge_vpr.live.protocols.health import UNKNOWN
 from edge_vpr.live.recorder import ends_early
 from edge_vpr.live.session import LiveStatus, LiveStep
 from edge_vpr.live.watches import SILENT_S
+from edge_vpr.matching.match import Match
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.route import ALONG, ratio_text
 from edge_vpr_tools.console import in_flags, is_quiet, warning
@@ -162,15 +162,18 @@ _COORDINATES = {"x_m": 3, "y_m": 3, "z_m": 3, "latitude": 9, "longitude": 9}
 _DIGITS = {
     **_COORDINATES, "heading_deg": 1, **dict.fromkeys((*ALONG, "route_m"), 3)
 }  # fmt: skip
+#: Fields of a match that no row has, or that of a map with them.
+_UNSHOWN = {"query", "ties", *_COORDINATES}
 
 
-def row_of(match: LiveMatch, coordinates: Sequence[str] = ()) -> str:
+def row_of(match: Match, coordinates: Sequence[str] = ()) -> str:
     """Return a live match as a line of JSON, without a line feed.
 
     Parameters
     ----------
-    match : LiveMatch
-        Its fields are the row's, but for the `query` and other coordinates.
+    match : Match
+        Its fields are the row's, but for the `query`, the `ties`, other coordinates, and times,
+        which are in seconds.
     coordinates : sequence of str
         Names of the coordinates that the map has.
 
@@ -180,10 +183,11 @@ def row_of(match: LiveMatch, coordinates: Sequence[str] = ()) -> str:
         What is not known is null: JSON has no not-a-number.
     """
     row: dict[str, Any] = {"kind": "match"}
-    for name, value in zip(match._fields, match, strict=True):
-        if name not in _COORDINATES or name in coordinates:
+    for name, value in match._asdict().items():
+        if name in ("time_us", "start_us"):
+            row[f"{name[:-3]}_s"] = value / 1e6
+        elif name in coordinates or name not in _UNSHOWN:
             row[name] = _known(name, value)
-    del row["query"]
     return json.dumps(row)
 
 
@@ -269,7 +273,7 @@ class View:
         self._rate = 0.0
         self._lag_s = 0.0
         self._lags = Lags()
-        self._newest: LiveMatch | None = None
+        self._newest: Match | None = None
         self._recent: deque[float | None] = deque(maxlen=_STRIP_S)
         self.matched = self.accepted = 0
         if reference is not None:
@@ -422,7 +426,7 @@ class View:
         texts["health"] = str(health)
         return texts
 
-    def _certainty(self, match: LiveMatch, *, gone: bool) -> Iterator[str]:
+    def _certainty(self, match: Match, *, gone: bool) -> Iterator[str]:
         """Yield how certain a match is; a place where the robot is not has no probability."""
         if not (gone or match.lost):
             known = not math.isnan(match.probability)

@@ -104,7 +104,7 @@ STAGES = {
             "edge_vpr.live.session.Message",
             "edge_vpr.live.links.open_link",
             "edge_vpr.live.reader.LinkReader",
-            "edge_vpr.live.localiser.LiveLocaliser",
+            "edge_vpr.live.stream_matcher.StreamMatcher",
         ),
         exported=("live",),
     ),

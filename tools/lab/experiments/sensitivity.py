@@ -20,7 +20,6 @@ from matplotlib.figure import Figure
 
 from edge_vpr.matching.distances import ReferenceIndex
 from edge_vpr.matching.drive import filter_drive
-from edge_vpr.matching.filter_match import PLACE
 from edge_vpr.matching.place_filter import PlaceFilter
 from lab.drives import recorded_drives
 from lab.experiments.place_filter import DEFAULTS, ROBOT, driven, driven_street
@@ -60,7 +59,7 @@ def match_with(pair: MappedPair, constants: Constants) -> npt.NDArray[np.int64]:
         restart_cost=round(constants.restart * table.restart_cost),
         bias=np.rint(constants.typical * table.bias).astype(np.int64),
     )
-    return filter_drive(place_filter, index, queries).columns[:, PLACE]
+    return filter_drive(place_filter, index, queries).rows["place"]
 
 
 # The constants that are varied, and what is chosen by the other drives.

@@ -1,4 +1,4 @@
-"""From bytes to matches: a decoder, a burst filter and a localiser as one."""
+"""From bytes to matches: what a stream has beside its localiser: bursts, gaps, losses, position."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ from edge_vpr.descriptors.cleaning import BurstFilter
 from edge_vpr.errors import MapError
 from edge_vpr.events import NO_EVENTS, Events, join_events
 from edge_vpr.live.losses import LossWatch
-from edge_vpr.live.position import PathPosition
+from edge_vpr.live.position import Locator, PathPosition
 from edge_vpr.live.protocols import Decoder
+from edge_vpr.matching.match import NO_MATCHES, Match, MatchRows, join_matches
 from edge_vpr.online.localiser import Localiser
-from edge_vpr.online.runs import NO_MATCHES, MatchRows, join_matches
 from edge_vpr.online.schedule import MatchSchedule
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.route import OdometerCheck
@@ -33,18 +33,14 @@ class LiveResult(NamedTuple):
     """Events and matches of one chunk of bytes."""
 
     events: Events  #: Shape (n,): as decoded.
-    matches: npt.NDArray[np.void]  #: Shape (m,): in the order of their windows.
+    rows: npt.NDArray[np.void]  #: Shape (m,): matches as records, in the order of their windows.
     #: Time up to which the stream is known.
     reached_us: int
-    #: Of each match, the share of the events of its windows that is known to be lost.
-    missing: tuple[float, ...] = ()
-    #: Of each match, the place where the robot is at its time, see `PathPosition`.
-    at: tuple[float, ...] = ()
-    #: Of each match, how often the position has jumped until then.
-    jumps: tuple[int, ...] = ()
+    #: The same matches with what is missing of them, and where the robot is.
+    matches: tuple[Match, ...] = ()
 
 
-class LiveLocaliser:
+class StreamMatcher:
     """Decodes a stream of bytes, and matches its events with a map.
 
     Parameters
@@ -57,6 +53,13 @@ class LiveLocaliser:
         Whether readings of an odometer are to come.
     show : callable
         Takes the name of what is compiled now; all kernels are compiled before the first bytes.
+
+    Attributes
+    ----------
+    localiser : Localiser or None
+        Has the state of matching; None without a map.
+    odometer_check : OdometerCheck
+        Findings about the robot's odometer.
     """
 
     def __init__(
@@ -69,7 +72,7 @@ class LiveLocaliser:
         show: Callable[[str], object] = lambda text: None,
     ) -> None:
         self.decoder = decoder
-        self._localiser: Localiser | None = None
+        self.localiser: Localiser | None = None
         self._bursts: BurstFilter | None = None
         if reference is not None and reference.settings.remove_bursts:
             self._bursts = BurstFilter(reference.pixel_map.sensor)
@@ -90,11 +93,11 @@ class LiveLocaliser:
             )
         filters = BurstFilter(sensor)
         warm_up([*localising_steps(reference, every, filters, odometry=odometry), *steps], show)
-        self._localiser = Localiser(reference, every=every)
-        self.odometer_check = self._localiser.odometer_check or self.odometer_check
-        self._position = PathPosition(settings)
+        self.localiser = Localiser(reference, every=every)
+        self.odometer_check = self.localiser.odometer_check
+        self._position, self._locator = PathPosition(settings), Locator(reference)
         # longest time that is matched in one step
-        self._most_us = MOST_TICKS * self._localiser.every.interval_us or _NEVER_US
+        self._most_us = MOST_TICKS * self.localiser.every.interval_us or _NEVER_US
         #: windows that a match compares, and how far back from a match its losses may lie
         self._windows = settings.windows_per_match
         span_us = settings.tau_us if settings.window == "time" else _MOST_LOSS_US
@@ -108,7 +111,7 @@ class LiveLocaliser:
     @property
     def filled(self) -> float:
         """Share of the first match's windows that has passed; there are matches from 1 on."""
-        return 0.0 if self._localiser is None else self._localiser.filled
+        return 0.0 if self.localiser is None else self.localiser.filled
 
     def feed(
         self, data: bytes, host_us: int, *, dropped: int = 0, reopened: bool = False
@@ -133,15 +136,15 @@ class LiveLocaliser:
         events = decoder.feed(data, host_us)
         matched = 0
         self._dropped = self._dropped or dropped > 0
-        if self._localiser is not None:
+        if self.localiser is not None:
             # a frame without events, or a state that was kept, tells the time too
             begin_us = int(events.t[0]) if events.size else decoder.reached_us
             if self._away and (events.size or begin_us > self._time):
-                self._come_back(self._localiser, early, begin_us)
+                self._come_back(self.localiser, early, begin_us)
                 matched = early.size
             elif self._dropped and events.size:
                 # no matches of time in which nothing was seen
-                self._localiser.skip_ticks(begin_us)
+                self.localiser.skip_ticks(begin_us)
             self._dropped = self._dropped and not events.size
         return self._match(join_events([early, events]), matched)
 
@@ -158,7 +161,7 @@ class LiveLocaliser:
             That time, in microseconds, and the distance without leaps; None if the reading does not
             count, see `OdometerCheck`.
         """
-        check, localiser = self.odometer_check, self._localiser
+        check, localiser = self.odometer_check, self.localiser
         if localiser is None:
             time_us = self.decoder.reached_us
             counts = check.read(time_us, distance_mm, 0)
@@ -177,15 +180,16 @@ class LiveLocaliser:
         Returns
         -------
         arrays : dict of str to ndarray
-            See `MatchRun.to_arrays`; without the places, which are the map's.
+            See `Localiser.to_arrays`; without the places, which are the map's.
         values : dict
             Of JSON.
         """
-        assert self._localiser is not None
-        run = self._localiser.run
-        arrays = {name: array.copy() for name, array in run.to_arrays().items() if name != "places"}
+        kept = self.localiser
+        assert kept is not None
+        arrays = {name: array.copy() for name, array in kept.to_arrays().items()}
+        del arrays["places"]
         values = {
-            "now_us": run.now_us, "floor_us": run.floor_us, "time_us": self._time,
+            "now_us": kept.now_us, "floor_us": kept.floor_us, "time_us": self._time,
             "clock": self.decoder.timestamps.to_values(), "position": self._position.to_values(),
         }  # fmt: skip
         return arrays, values
@@ -198,8 +202,8 @@ class LiveLocaliser:
         localiser : Localiser
             With the arrays of `to_state`.
         """
-        self._localiser, self._time = localiser, values["time_us"]
-        self.odometer_check = localiser.odometer_check or self.odometer_check
+        self.localiser, self._time = localiser, values["time_us"]
+        self.odometer_check = localiser.odometer_check
         self._position.resume(values["position"])
         self.decoder.timestamps.resume(values["clock"], passed_us)
         # what was missed is of unknown size
@@ -218,7 +222,7 @@ class LiveLocaliser:
 
     def _match(self, events: Events, matched: int = 0, *, last: bool = False) -> LiveResult:
         """Match the events after the `matched` ones that are known to be in no burst."""
-        localiser, bursts, reached = self._localiser, self._bursts, self.decoder.reached_us
+        localiser, bursts, reached = self.localiser, self._bursts, self.decoder.reached_us
         if localiser is None:
             return LiveResult(events, NO_MATCHES, reached)
         found: MatchRows = []
@@ -237,22 +241,17 @@ class LiveLocaliser:
                 found.append(localiser.advance(known))
             self._time = known
         self._losses.note(reached, self._horizon_us)
-        matches = join_matches(found)
-        return LiveResult(events, matches, reached, *self._located(matches))
+        rows = join_matches(found)
+        return LiveResult(events, rows, reached, tuple(map(self._located, rows.tolist())))
 
-    def _located(
-        self, matches: npt.NDArray[np.void]
-    ) -> tuple[tuple[float, ...], tuple[float, ...], tuple[int, ...]]:
-        """Return what is missing of each match, where the robot is, and its number of jumps."""
-        position, missing, at, jumps = self._position, [], [], []
-        if matches.size:
-            columns = (matches[name].tolist() for name in ("time_us", "start_us", "place"))
-            for time_us, start_us, place in zip(*columns, strict=True):
-                span_us = time_us - start_us
-                missing.append(self._losses.missing(time_us - self._windows * span_us))
-                at.append(position.update(time_us, span_us, place))
-                jumps.append(position.jumps)
-        return tuple(missing), tuple(at), tuple(jumps)
+    def _located(self, row: tuple[Any, ...]) -> Match:
+        """Return a match with what is missing of it, and where the robot is."""
+        match = Match(*row)
+        span_us = match.time_us - match.start_us
+        missing = self._losses.missing(match.time_us - self._windows * span_us)
+        at = self._position.update(match.time_us, span_us, match.place)
+        where: dict[str, Any] = self._locator.locate(at)
+        return match._replace(missing=missing, jumps=self._position.jumps, **where)
 
     def _update(self, localiser: Localiser, events: Events, found: MatchRows) -> None:
         """Match events in parts that each span less than `MOST_TICKS`."""
