@@ -621,21 +621,6 @@ def test_bad_use_is_one_line(capsys, arguments, says):
     assert len(lines) == 1 and says in lines[0]
 
 
-def test_the_page_says_what_a_match_of_the_filter_takes():
-    """Beside sequences of 5 on a Cortex-M4, for each further place."""
-    with TABLE.open(encoding="ascii", newline="") as file:
-        m4 = next(row for row in csv.DictReader(file) if row["target"] == "cortex-m4")
-    of_whole, of_half = (
-        f"{int(m4[name]) / int(m4['match_per_place']):.2f}"
-        for name in ("filter_per_place", "half_per_place")
-    )
-    text = " ".join((ROOT / "docs/firmware.md").read_text(encoding="utf-8").split())
-    assert f"{of_whole} times the instructions of sequences of 5" in text
-    assert f"at half windows, {of_half} times" in text
-    of_gains = int(m4["gains_per_place"]) / int(m4["half_per_place"])
-    assert f"some look at a sum of windows, {of_gains:.2f} times that" in text
-
-
 def test_the_page_says_what_the_ice40_takes_besides_the_work():
     """Static power and a running clock, and what its SPI line carries."""
     design, mission = asked_for(parsed([]))[:2]
