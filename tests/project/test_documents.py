@@ -181,6 +181,26 @@ def test_names_that_a_page_for_developers_has_are_in_the_source(page):
     assert gone == []
 
 
+def test_the_walks_through_the_code_name_what_their_files_define():
+    """From a file to a row, and from a byte to a match: each step is in the file of its row."""
+    text = (ROOT / "docs/architecture.md").read_text(encoding="utf-8")
+    rows = re.findall(
+        r"^\| (`[^|]*\.py`[^|]*) \| (.*) \|$", text.partition("## Three walks")[2], re.M
+    )
+    assert len(rows) > 20
+    for files, step in rows:
+        found = [
+            path
+            for name in re.findall(r"`([\w./]+\.py)`", files + step)
+            for path in source_files()
+            if path.endswith(f"/{name}")
+        ]
+        defined = "\n".join(Path(path).read_text(encoding="utf-8") for path in found)
+        names = {name.split(".")[-1] for name in re.findall(r"`([A-Za-z_][\w.]*)`", step)} - {"py"}
+        gone = {n for n in names if not re.search(rf"\b(def|class) {n}\b|^{n}\b.*=", defined, re.M)}
+        assert not gone, files
+
+
 @pytest.mark.parametrize("page", [page for page in PAGES if blocks(page, "toml")])
 def test_toml_that_a_page_shows_is_toml(page):
     for block in blocks(page, "toml"):
