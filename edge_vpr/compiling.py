@@ -6,17 +6,21 @@ import copy
 import hashlib
 import io
 import pickle
+import sys
+import time
 from collections.abc import Callable
 from contextlib import suppress
+from importlib import import_module
 from pathlib import Path
 from typing import Any, Generic, Literal, TypeVar
 
+import numba
 import numpy as np
 from numba import config, njit, types
 from numba.core import caching, event
 from numba.core.dispatcher import Dispatcher
 
-from edge_vpr.compile_report import DAMAGED, listen
+from edge_vpr.compile_report import COMPILING, DAMAGED, tell
 
 # Compilation of kernels, and the cache of compiled code.
 #
@@ -24,9 +28,8 @@ from edge_vpr.compile_report import DAMAGED, listen
 # kernels that it calls and the constants that it uses, from other modules. `kernel` adds them to
 # the stamp that Numba compares before it loads code.
 #
-# Each file of compiled code ends with a checksum. A truncated or damaged file, for example after a
-# power cut, is deleted before anything in it is used. Its kernel is compiled again, and Numba's
-# listeners receive the event `DAMAGED`.
+# Each file of compiled code ends with a checksum. If one is truncated or damaged, for example after
+# a power cut, all are deleted before anything in it is used, and kernels are compiled again.
 
 
 _DIGEST_BYTES = 32
@@ -34,6 +37,8 @@ _DIGEST_BYTES = 32
 _CACHING: Any = caching
 _EVENT: Any = event
 _CONSTANTS = (bool, int, float, tuple, np.dtype, np.integer, np.floating)
+#: what Python may call and the cache keeps, by module and name
+_KERNELS: dict[tuple[str, str], Dispatcher] = {}
 
 
 def kernel(
@@ -74,6 +79,8 @@ def kernel(
             cache._impl.filename_base,
             (cache._cache_file._source_stamp, _imported(function)),
         )
+        if not inner:
+            _KERNELS[function.__module__, function.__qualname__] = compiled
     return compiled
 
 
@@ -155,9 +162,8 @@ class _CheckedCacheFile(_CACHING.IndexDataCacheFile):  # type: ignore[misc]
         except OSError:  # for example a disk error
             content = None
         if content is None:
-            with suppress(OSError):
-                path.unlink()
-            _EVENT.broadcast(_EVENT.Event(DAMAGED, _EVENT.EventStatus.START, data=path))
+            _delete_all()
+            tell(DAMAGED)
             return None
         if pickle.load(content) != self._header(name):
             return None
@@ -165,6 +171,14 @@ class _CheckedCacheFile(_CACHING.IndexDataCacheFile):  # type: ignore[misc]
 
     def _header(self, name: str) -> tuple[object, ...]:
         return self._version, self._source_stamp, name
+
+
+def _delete_all() -> None:
+    """Delete the compiled code of all kernels."""
+    for folder in {kernel.stats.cache_path for kernel in _KERNELS.values()}:
+        for file in Path(str(folder)).glob("*.nb[icw]"):
+            with suppress(OSError):
+                file.unlink()
 
 
 def _imported(function: Callable[..., Any]) -> str:
@@ -189,6 +203,77 @@ def _imported(function: Callable[..., Any]) -> str:
 def _cache_file(value: object) -> Any:
     """Return Numba's record of where a kernel is kept; None for anything else."""
     return getattr(getattr(value, "_cache", None), "_cache_file", None)
+
+
+# Code before it is needed, and the time that compiling and loading it takes.
+
+
+def have_kernels(work: str, drive: Callable[[], object]) -> None:
+    """Load the kernels of some work, so that it never waits for them; compile those that are new.
+
+    Parameters
+    ----------
+    work : str
+        Name of the work with all that decides which kernels it calls, and with which types.
+    drive : callable
+        Calls all of them; is called only if nothing is noted of this work. After it, the kernels
+        of this process are noted beside their code.
+    """
+    if config.DISABLE_JIT:
+        return
+    if to_kernel_state.stats.cache_path is None:
+        drive()
+        return
+    stamps = [(*name, _cache_file(kernel)._source_stamp) for name, kernel in _KERNELS.items()]
+    of = (numba.__version__, sys.version, sorted(stamps), work)
+    digest = hashlib.sha256(repr(of).encode()).hexdigest()[:16]
+    file = Path(to_kernel_state.stats.cache_path) / f"work-{digest}.nbw"
+    try:
+        noted = checked_code(file)
+    except OSError:
+        noted = None
+    if noted is None:
+        drive()
+        code = [(*name, [*kernel.overloads]) for name, kernel in _KERNELS.items()]
+        with suppress(OSError):
+            file.write_bytes(_with_digest(pickle.dumps([each for each in code if each[-1]])))
+        return
+    for module, name, signatures in pickle.load(noted):
+        import_module(module)
+        for signature in signatures:
+            _KERNELS[module, name].compile(signature)
+
+
+class _Watch(_EVENT.Listener):  # type: ignore[misc]
+    """Tells that kernels are compiled, and sums the time in which they are compiled or loaded."""
+
+    def __init__(self) -> None:
+        self.spent_s, self._depth, self._begun_s = 0.0, 0, 0.0
+        _EVENT.register("numba:compile", self)
+        _EVENT.register("numba:compiler_lock", self)
+
+    def on_start(self, event: Any) -> None:
+        if event.kind == "numba:compile":
+            tell(COMPILING)
+            return
+        if not self._depth:
+            self._begun_s = time.perf_counter()
+        self._depth += 1
+
+    def on_end(self, event: Any) -> None:
+        if event.kind == "numba:compile":
+            return
+        self._depth -= 1
+        if not self._depth:
+            self.spent_s += time.perf_counter() - self._begun_s
+
+
+_watch = _Watch()
+
+
+def working_s() -> float:
+    """Return `time.perf_counter` without the time in which kernels were compiled or loaded."""
+    return time.perf_counter() - _watch.spent_s
 
 
 # A tuple of arrays as one argument of a kernel, unpacked only once.
@@ -261,6 +346,3 @@ class SharedState(Generic[Tuple]):
 
 def _plain(value: Any) -> Any:
     return tuple(map(_plain, value)) if isinstance(value, tuple) else value
-
-
-listen()  # pending reports, which need Numba

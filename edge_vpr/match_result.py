@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -15,6 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from edge_vpr.archive import read_archive, write_archive
+from edge_vpr.compiling import working_s
 from edge_vpr.confidence import OFF_MAP_MISFIT, OFF_MAP_TEXT
 from edge_vpr.descriptors.counting import (
     AnyRecording,
@@ -123,12 +123,12 @@ def _match_windows(
 ) -> MatchResult:
     """Count the windows of a drive and match all of them."""
     removed = Removed()
-    start = time.perf_counter()
+    start = working_s()
     queries = describe_query(reference, drive, removed=removed)
-    counting_s = time.perf_counter() - start
-    start = time.perf_counter()
+    counting_s = working_s() - start
+    start = working_s()
     matches = match_query(reference, queries, odometry)
-    matching_s = time.perf_counter() - start
+    matching_s = working_s() - start
     metrics = MatchMetrics(
         queries=len(matches),
         places=len(reference),
@@ -160,9 +160,9 @@ def _match_events(
     events_fed, busy_s = 0, 0.0
     removed, fed = Removed(), OdometryFeed(localiser, odometry)
     for events in cleaned(drive, reference.settings, removed):
-        start = time.perf_counter()
+        start = working_s()
         found += fed.update(events)
-        busy_s += time.perf_counter() - start
+        busy_s += working_s() - start
         events_fed += events.size
         if stream is not None:
             try:
@@ -170,9 +170,9 @@ def _match_events(
             except UsageError:  # more than are kept, which matching does not need
                 stream, windows = None, []
     end_us = end_of(drive)
-    start = time.perf_counter()
+    start = working_s()
     found += fed.finish(end_us)
-    busy_s += time.perf_counter() - start
+    busy_s += working_s() - start
     if stream is not None and end_us is not None:
         windows += stream.advance(end_us)
     rows = join_matches(found)
@@ -221,7 +221,7 @@ def _warn_if_strange(matches: Matches) -> None:
 class MatchMetrics:
     """Sizes and times of a run, the first part of `metrics.json`.
 
-    The times of a first call hold those of compiling; after `edge_vpr.warm_up` they do not.
+    The times are without those of compiling and loading kernels.
 
     Attributes
     ----------

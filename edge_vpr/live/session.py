@@ -14,7 +14,8 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any, Literal, NamedTuple, Self, Unpack
 
-from edge_vpr.compile_report import COMPILE_ALL, compiling_reported
+from edge_vpr.compile_report import compiling_reported
+from edge_vpr.compiling import have_kernels
 from edge_vpr.descriptors.counting import Removed
 from edge_vpr.errors import RecordingError, UsageError, as_path, expect, printable
 from edge_vpr.events import Sensor
@@ -26,7 +27,8 @@ from edge_vpr.live.odometer import DrivenAndMatched, OdometerReader
 from edge_vpr.live.protocols import Health, ProtocolName, open_decoder
 from edge_vpr.live.reader import LinkReader
 from edge_vpr.live.recorder import Recorder, check_recorded
-from edge_vpr.live.state import StateFile, check_state_file, state_steps
+from edge_vpr.live.rehearsal import rehearse
+from edge_vpr.live.state import StateFile, check_state_file
 from edge_vpr.live.stream_matcher import LiveResult, StreamMatcher
 from edge_vpr.live.watches import SILENT_S, LagWatch, LineWatch, MisfitWatch
 from edge_vpr.matching.match import Match, heartbeat
@@ -41,10 +43,7 @@ from edge_vpr.settings import (
     duration_us,
     resolve_settings,
 )
-from edge_vpr.warm_up import warm_up
 
-#: Interval at which it is said what is compiled.
-PROGRESS_S = 2.0
 #: seconds after which a step ends for which no bytes came
 _TICK_S = 0.1
 #: Largest number of pieces of bytes that one `LiveSession.poll` matches.
@@ -123,7 +122,7 @@ class LiveSession:
 
     The session owns the link, the decoder and its requests to the camera, the localiser, the clock,
     the counts of losses, reconnection, recordings and the robot's odometer. All kernels are
-    compiled before the link is opened, so that a camera never waits for a compiler.
+    loaded or compiled before the link is opened, so that a camera never waits for a compiler.
 
     Parameters
     ----------
@@ -239,6 +238,7 @@ class LiveSession:
             known = known.changed(changes, "LiveSession")
         self.reference = None if known is None else known.causal()
         self.sensor = _sensor_of(sensor, known)
+        self._protocol = protocol
         self.decoder = open_decoder(protocol, self.sensor)
         if not isinstance(every, MatchSchedule | None):
             expect(every, str, "every", _SUCH_AS)
@@ -310,32 +310,27 @@ class LiveSession:
     ) -> None:
         self.close()
 
-    def warm_up(self, show: Callable[[str], object] = lambda text: None) -> None:
-        """Compile all kernels of this session; `open` calls this before it opens the link.
+    def warm_up(self) -> None:
+        """Load all kernels of this session, or compile them by a few windows of a simulated drive.
 
-        Parameters
-        ----------
-        show : callable
-            Takes the name of what is compiled now.
+        `open` calls this before it opens the link.
         """
         if self._warm:
             return
-        said_s = time.monotonic()
-
-        def progress(text: str) -> None:
-            nonlocal said_s
-            show(text)
-            if text.startswith("compiling") and time.monotonic() - said_s > PROGRESS_S:
-                said_s = time.monotonic()
-                self._say("compiling", text)
-
-        with compiling_reported(lambda text: self._say("compiling", text + COMPILE_ALL)):
-            self._matcher = StreamMatcher(
-                self.decoder, self.reference, self._every,
-                odometry=self._odometry is not None, show=progress,
-            )  # fmt: skip
-            if self._state is not None and self.reference is not None:
-                warm_up(state_steps(self.reference, self._every), progress)
+        protocol, reference = self._protocol, self.reference
+        odometry, state = self._odometry is not None, self._state is not None
+        types: list[object] = [protocol, self._every, odometry, state]
+        if reference is not None:
+            measured = (reference.along_mm is None, len(reference.pixel_map))
+            types += [reference.settings, reference.places.counts.dtype, *measured]
+        with compiling_reported(lambda text: self._say("compiling", text)):
+            have_kernels(
+                repr(types),
+                lambda: rehearse(
+                    protocol, self.sensor, reference, self._every, odometry=odometry, state=state
+                ),
+            )
+        self._matcher = StreamMatcher(self.decoder, reference, self._every)
         self._warm = True
 
     def open(self) -> None:

@@ -25,7 +25,6 @@ from edge_vpr.live.stream_matcher import StreamMatcher
 from edge_vpr.online.localiser import Localiser
 from edge_vpr.online.schedule import MatchSchedule
 from edge_vpr.reference_map import ReferenceMap
-from edge_vpr.warm_up import WarmUpStep
 
 KIND = "live state"
 #: Suffix of its file, so that it replaces neither a map nor a recording.
@@ -89,16 +88,6 @@ def boot() -> str:
 def since_boot_us() -> int:
     """Return the time since the machine was started, its sleep included, which nobody sets."""
     return time.clock_gettime_ns(time.CLOCK_BOOTTIME) // 1_000
-
-
-def state_steps(reference: ReferenceMap, every: MatchSchedule | None) -> list[WarmUpStep]:
-    """Return the warm-up of keeping a state and of going on from it."""
-
-    def keep_and_resume() -> None:
-        kept = Localiser(reference, every=every)
-        Localiser(reference, every=every).resume(kept.to_arrays(), kept.now_us, kept.floor_us)
-
-    return [WarmUpStep("state", keep_and_resume)]
 
 
 def read_state(path: Path, localiser: Localiser, checksum: str) -> Resumable | str | None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -20,7 +19,6 @@ from edge_vpr.online.localiser import Localiser
 from edge_vpr.online.schedule import MatchSchedule
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.route import OdometerCheck
-from edge_vpr.warm_up import WarmUpStep, localising_steps, warm_up
 
 _NEVER_US = 1 << 62
 #: A step of the clock is a jump if it is longer than this time and than this number of ticks.
@@ -49,10 +47,6 @@ class StreamMatcher:
         Without a map, events are decoded but not matched.
     every : MatchSchedule, optional
         When to give a match.
-    odometry : bool
-        Whether readings of an odometer are to come.
-    show : callable
-        Takes the name of what is compiled now; all kernels are compiled before the first bytes.
 
     Attributes
     ----------
@@ -67,9 +61,6 @@ class StreamMatcher:
         decoder: Decoder,
         reference: ReferenceMap | None = None,
         every: MatchSchedule | None = None,
-        *,
-        odometry: bool = False,
-        show: Callable[[str], object] = lambda text: None,
     ) -> None:
         self.decoder = decoder
         self.localiser: Localiser | None = None
@@ -81,9 +72,7 @@ class StreamMatcher:
         self._dropped = False  # whether the host dropped bytes since the newest event
         self._away = False  # whether the link was lost, or the program, since then
         self.odometer_check = OdometerCheck()
-        steps = [WarmUpStep("decoder", decoder.warm_up)]
         if reference is None:
-            warm_up(steps, show)
             return
         sensor, settings = reference.pixel_map.sensor, reference.settings
         if sensor != decoder.sensor:
@@ -91,8 +80,6 @@ class StreamMatcher:
                 f"the stream is of a {decoder.sensor} sensor and the map of a {sensor} one: "
                 "use the map of this camera"
             )
-        filters = BurstFilter(sensor)
-        warm_up([*localising_steps(reference, every, filters, odometry=odometry), *steps], show)
         self.localiser = Localiser(reference, every=every)
         self.odometer_check = self.localiser.odometer_check
         self._position, self._locator = PathPosition(settings), Locator(reference)

@@ -16,6 +16,7 @@ from edge_vpr.descriptors.pixels import PixelMap
 from edge_vpr.descriptors.windows import Descriptors
 from edge_vpr.events import Sensor, make_events
 from edge_vpr.live.protocols import open_decoder, open_encoder
+from edge_vpr.live.rehearsal import rehearse
 from edge_vpr.live.stream_matcher import StreamMatcher
 from edge_vpr.online.schedule import MatchSchedule
 from edge_vpr.reference_map import ReferenceMap
@@ -88,9 +89,7 @@ def a_map():
 @cache
 def rehearsed(host):
     """Compile everything, so that no input is taken for an endless one."""
-    decoder = open_decoder(host, SENSOR)
-    decoder.warm_up()
-    StreamMatcher(decoder, a_map(), MatchSchedule(interval_us=500))
+    rehearse(host, SENSOR, a_map(), MatchSchedule(interval_us=500), odometry=False, state=False)
 
 
 def damaged(data, choose):

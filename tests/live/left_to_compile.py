@@ -1,6 +1,8 @@
 """Program: print what a live session compiles after it has opened its link, which must be nothing.
 
-It has to run in a process of its own, in which nothing else has compiled a kernel.
+It has to run in a process of its own, in which nothing else has compiled a kernel. The first word
+is "cold", and sessions rehearse, or "warm", and they load what the cold run has noted under the
+second word. The others are protocols.
 """
 
 from __future__ import annotations
@@ -14,6 +16,7 @@ from numba.core.dispatcher import Dispatcher
 
 from edge_vpr import LiveSession
 from edge_vpr.events import Sensor, make_events
+from edge_vpr.live import session as live_session
 from edge_vpr.live.protocols import open_encoder
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.settings import PRESETS
@@ -51,7 +54,14 @@ class Camera:
 
 def main():
     """Run a session of each kind of matching and protocol."""
-    rng = np.random.default_rng(0)
+    state, run, *protocols = sys.argv[1:]
+    have, rehearsed = live_session.have_kernels, []
+
+    def have_kernels(work, drive):
+        have(f"{work} of {run}", lambda: rehearsed.append(work) or drive())
+
+    live_session.have_kernels = have_kernels
+    rng, sessions = np.random.default_rng(0), 0
     drive = random_events(rng, 60_000, SENSOR, 3_000_000)
     small = {"pixels": 20, "sigma": 1.0, "tau": "100ms"}
     for preset, changes in (
@@ -60,7 +70,7 @@ def main():
     ):  # fmt: skip
         settings = PRESETS[preset].replaced(small | changes, "the test")
         reference = ReferenceMap.build(Drive(drive, SENSOR), settings)
-        for protocol in sys.argv[1:]:
+        for protocol in protocols:
             near, far = socket.socketpair()
             session = LiveSession(far, protocol=protocol, reference=reference)
             with near, far, session:
@@ -78,6 +88,8 @@ def main():
             late = compiled() - before
             assert session.health.events > 5_000, (protocol, session.health)
             assert not late, (preset, changes, protocol, late)
+            sessions += 1
+    assert len(rehearsed) == (sessions if state == "cold" else 0)
 
 
 if __name__ == "__main__":

@@ -22,6 +22,7 @@ import pytest
 from edge_vpr_tools.cli import main
 
 from edge_vpr import LiveSession
+from edge_vpr.compiling import to_kernel_state
 from edge_vpr.descriptors.counting import cleaned
 from edge_vpr.errors import UsageError
 from edge_vpr.events import Sensor, join_events, make_events
@@ -852,12 +853,20 @@ def test_nothing_is_compiled_once_the_link_is_open():
         pytest.skip("nothing is compiled")
     protocols = [device for _, device in PROTOCOLS]
     protocols.append("edvs:format=E1")
-    done = subprocess.run(
-        [sys.executable, str(ROOT / "tests/live/left_to_compile.py"), *protocols],
-        env={**os.environ, "PYTHONPATH": f"{ROOT}:{ROOT / 'tools'}"},
-        capture_output=True, text=True, check=False, timeout=300,
-    )  # fmt: skip
-    assert done.returncode == 0, done.stderr
+    folder = Path(to_kernel_state.stats.cache_path)
+    noted = set(folder.glob("work-*.nbw"))
+    for state in ("cold", "warm"):
+        done = subprocess.run(
+            [
+                sys.executable, str(ROOT / "tests/live/left_to_compile.py"),
+                state, str(os.getpid()), *protocols,
+            ],
+            env={**os.environ, "PYTHONPATH": f"{ROOT}:{ROOT / 'tools'}"},
+            capture_output=True, text=True, check=False, timeout=300,
+        )  # fmt: skip
+        assert done.returncode == 0, done.stderr
+    for file in set(folder.glob("work-*.nbw")) - noted:
+        file.unlink()
 
 
 def test_a_camera_that_has_not_begun_does_not_stall(query, monkeypatch):

@@ -270,7 +270,7 @@ def test_hostile_bytes_take_bounded_memory_and_time_in_proportion(host, hostile)
     size = 1 << (12 if PLAIN else 18)
     hostile *= size // len(hostile)
     decoder = open_decoder(host, SENSOR)
-    decoder.warm_up()
+    open_decoder(host, SENSOR).feed(hostile[:4_096])  # compiles
     tracemalloc.start()
     took = []
     for i in range(0, size, 4_096):
@@ -407,7 +407,6 @@ def test_the_losses_name_every_event_that_came_and_was_left_out(accounting):
 def test_evpr_frames_of_a_smaller_sensor_are_noticed(size, smaller):
     """As far as the bits of x and y say: 65 to 128 pixels have seven."""
     decoder = open_decoder("evpr", SENSOR)
-    decoder.warm_up()
     decoder.feed(open_encoder("evpr", Sensor(*size)).start())
     assert ("sensor is smaller than 128x128" in decoder.remark) == smaller
 

@@ -24,11 +24,8 @@ def taken(x):
     return x - SHIFT
 """
 _PROGRAM = """
-import sys
-sys.stderr = sys.stdout
-from edge_vpr_tools import console
-console.SILENT_S = 60.0
-with console.compiling_noted():
+from edge_vpr.compile_report import COMPILING, compiling_reported
+with compiling_reported(lambda text: text == COMPILING or print(text)):
     import two_kernels
     print(two_kernels.added(5), two_kernels.taken(5))
 print("loaded", *(each.stats.cache_hits.total() for each in (two_kernels.added, two_kernels.taken)))

@@ -70,7 +70,7 @@ STAGES = [
     *("settings", "events", "results"),
     *("confidence", "route", "recordings", "descriptors", "reference_map", "matching"),
     *("evaluation", "simulation", "online", "learning"),
-    *("map_making", "match_result", "warm_up", "live"),
+    *("map_making", "match_result", "live"),
 ]
 
 

@@ -43,7 +43,7 @@ RUNS = [
     ("simulate -o {f}/pair --sensor tiny --length 20 --seed 2 --speed 3 --speed-range 1.5 "
      "--stops 1", 0),
     ("simulate -o {f}/pair --sensor tiny --length 20 --overwrite", 0),
-    ("doctor --compile --json", 0),
+    ("doctor --json", 0),
     ("info {f}/table.txt --sensor 16x12 --format csv --time-unit us --columns txyp --json "
      "--start 0.1 --end 1.5 --start-offset 0.01", 0),
     ("info {f}/query.h5 --sensor 16x12 --topic left --track {f}/track.csv --track-offset 0.1", 0),

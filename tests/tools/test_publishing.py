@@ -26,11 +26,12 @@ from edge_vpr_tools.cli import main
 from edge_vpr_tools.live_view import row_of
 from edge_vpr_tools.publish import MatchServer, parse_address
 
+from edge_vpr.compile_report import COMPILING
 from edge_vpr.errors import UsageError
 from edge_vpr.events import Sensor
 from edge_vpr.live.links import LinkError
 from edge_vpr.live.protocols import open_encoder
-from edge_vpr.live.session import LiveSession
+from edge_vpr.live.session import LiveSession, Message
 from edge_vpr.matching.match import Match
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.route import Route
@@ -157,22 +158,22 @@ def test_readers_get_the_rows_that_json_prints(drive, capsys, monkeypatch):
 
 
 def test_a_watchdog_is_told_that_kernels_are_compiled(drive, monkeypatch):
-    servers, said, enter, warm_up = [], [], MatchServer.__enter__, LiveSession.warm_up
-    text = "compiling kernels: matching (1 of 1), match"
+    servers, answers, enter, warm_up = [], [], MatchServer.__enter__, LiveSession.warm_up
 
     def begin(server):
         servers.append(server)
         return enter(server)
 
-    def compile_(session, show=lambda text: None):
-        show(text)
-        said.append(servers[0].health())
-        warm_up(session, show)
+    def compile_(session):
+        if not answers:
+            session.on_message(Message("compiling", COMPILING))
+            answers.append(servers[0].health())
+        warm_up(session)
 
     monkeypatch.setattr(MatchServer, "__enter__", begin)
     monkeypatch.setattr(LiveSession, "warm_up", compile_)
     assert main(stream(drive, "--http", "0")) == 0
-    assert said[0] == {"ok": True, "why": text, "health": None, "match": None}
+    assert answers[0] == {"ok": True, "why": COMPILING, "health": None, "match": None}
 
 
 def test_who_comes_later_gets_the_route_and_no_match_of_before():

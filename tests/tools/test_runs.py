@@ -7,6 +7,7 @@ import os
 import subprocess
 import sys
 import time
+from collections import Counter
 from pathlib import Path
 
 import numba
@@ -16,14 +17,19 @@ from edge_vpr_tools.cli import main
 from edge_vpr_tools.commands.calibrate import calibrate
 from edge_vpr_tools.commands.info import summarise
 from edge_vpr_tools.truth_files import TruthFiles
+from numba.core import event
 
-from edge_vpr.map_making import describe_query, map_traverse
+from edge_vpr.compile_report import COMPILING
+from edge_vpr.descriptors import cleaning, counting
+from edge_vpr.events import join_events
+from edge_vpr.live.protocols import open_encoder, timestamps
+from edge_vpr.map_making import describe_query
 from edge_vpr.match_result import MatchResult
-from edge_vpr.matching.drive import match_descriptors, match_query
+from edge_vpr.matching.drive import match_query
+from edge_vpr.online import localiser
 from edge_vpr.recordings import open_recording
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.results import to_json
-from edge_vpr.warm_up import mapping_steps, warm_up
 from tests.tools.test_commands import drive  # noqa: F401
 
 ROOT = Path(__file__).parents[2]
@@ -81,68 +87,94 @@ def test_a_recording_is_summed_up_as_info_says(drive, capsys):  # noqa: F811
     assert found.events_per_s == found.events * 1e6 / found.duration_us
 
 
-def test_times_are_without_compilation(drive, tmp_path, monkeypatch):  # noqa: F811
-    """Kernels that load in a first call are in no time of a command."""
-    calls = {"describe_query": 0, "match_query": 0, "map_traverse": 0}
-    now = 0.0  # a clock that first calls alone move
+def test_times_are_without_compilation(drive, monkeypatch):  # noqa: F811
+    """A second in which the compiler has its lock, of a clock that goes in no other way."""
+    if numba.config.DISABLE_JIT:
+        pytest.skip("nothing is compiled")
+    now = 0.0
     monkeypatch.setattr(time, "perf_counter", lambda: now)
 
-    def slow(name, original):
+    def slow(original, compiling_s, working_s):
         def call(*args, **kwargs):
             nonlocal now
-            calls[name] += 1
-            now += calls[name] == 1
+            with event.trigger_event("numba:compiler_lock"):
+                now += compiling_s
+            now += working_s
             return original(*args, **kwargs)
 
         return call
 
-    for name, at, matching, warming in (
-        ("describe_query", "match_result", describe_query, describe_query),
-        ("match_query", "match_result", match_query, match_descriptors),
-        ("map_traverse", "map_making", map_traverse, map_traverse),
-    ):
-        for module, original in ((at, matching), ("warm_up", warming)):
-            patched = slow(name, original)
-            monkeypatch.setattr(f"edge_vpr.{module}.{original.__name__}", patched)
-    out = tmp_path / "run"
-    words = ["match", str(drive / "map.npz"), str(drive / "query.npz"), "-o", str(out)]
-    assert main([*words, "--no-figures"]) == 0
-    found = json.loads((out / "metrics.json").read_text())
-    assert (found["counting_s"], found["matching_s"], now) == (0, 0, 2)
-    settings = ReferenceMap.load(drive / "map.npz").settings
-    warm_up(mapping_steps(settings))
-    assert now == 3
-    ReferenceMap.build(open_recording(drive / "query.npz"), settings)
-    assert calls == {"describe_query": 2, "match_query": 2, "map_traverse": 2}
+    for original, working_s in ((describe_query, 3.0), (match_query, 5.0)):
+        patched = slow(original, 100.0, working_s)
+        monkeypatch.setattr(f"edge_vpr.match_result.{original.__name__}", patched)
+    metrics = ReferenceMap.load(drive / "map.npz").match(drive / "query.npz").metrics
+    assert (metrics.counting_s, metrics.matching_s, now) == (3.0, 5.0, 208.0)
+
+
+def test_a_warm_process_passes_no_synthetic_event_through_a_kernel(
+    drive,  # noqa: F811
+    tmp_path,
+    monkeypatch,
+):
+    """Each kernel of a second run is called with the events of the recording alone."""
+    if numba.config.DISABLE_JIT:
+        pytest.skip("nothing is compiled")
+    recording = open_recording(drive / "query.npz")
+    events = join_events(list(recording))
+    encoder = open_encoder("evt2", recording.sensor)
+    (tmp_path / "sent.bin").write_bytes(encoder.start() + encoder.encode(events))
+    inputs = f"{drive}/map.npz {drive}/query.npz"
+    commands = {
+        f"map {drive}/query.npz -o {tmp_path}/map.npz --overwrite --tau 100ms": {
+            "_newest_slots",
+            "count_pixels",
+        },
+        f"match {inputs} -o {tmp_path}/run --overwrite --no-figures": {
+            "_newest_slots",
+            "count_slots",
+        },
+        f"stream --port {tmp_path}/sent.bin --protocol evt2 --map {drive}/map.npz": {
+            "_newest_slots",
+            "admit_columns",
+            "process_events",
+        },
+    }
+    for words in commands:
+        assert main(words.split()) == 0
+    passed = Counter()
+
+    def counted(module, name, column):
+        kernel = getattr(module, name)
+
+        def call(*args):
+            passed[name] += len(args[column])
+            return kernel(*args)
+
+        monkeypatch.setattr(module, name, call)
+
+    counted(cleaning, "_newest_slots", 0)
+    counted(counting, "count_pixels", 0)
+    counted(counting, "count_slots", 2)
+    counted(timestamps, "admit_columns", 1)
+    counted(localiser, "process_events", 1)
+    for words, kernels in commands.items():
+        passed.clear()
+        assert main(words.split()) == 0
+        assert passed == dict.fromkeys(kernels, len(events))
 
 
 @pytest.mark.slow
-def test_a_command_compiles_before_its_work(drive, tmp_path):  # noqa: F811
-    """And shows which kernel of which part: one warm-up covers what the command reaches."""
+def test_a_command_compiles_once_and_says_so(drive, tmp_path):  # noqa: F811
     if numba.config.DISABLE_JIT:
         pytest.skip("nothing is compiled")
-    reference, query = drive / "reference.npz", drive / "query.npz"
-    driven, small = tmp_path / "driven.csv", "--pixels 20 --sigma 1 --tau 100ms"
-    rows = "\n".join(f"{t / 20},{t / 10}" for t in range(40))
-    driven.write_text(f"time_s,distance_m\n{rows}\n")
-    commands = [
-        f"map {reference} -o {tmp_path}/map.npz {small}",
-        f"match {tmp_path}/map.npz {query} -o {tmp_path}/recorded --no-figures",
-        f"match {tmp_path}/map.npz {query} -o {tmp_path}/live --online --no-figures",
-        f"map {reference} -o {tmp_path}/driven.npz {small} --window count --odometry {driven}",
-        f"match {tmp_path}/driven.npz {query} -o {tmp_path}/odometry --odometry {driven}",
-        f"map {reference} -o {tmp_path}/whole.npz {small} --places-per-window 1",
-        f"match {tmp_path}/whole.npz {query} -o {tmp_path}/L3 --matching sequence -L 3 "
-        "--no-figures",
-    ]
-    done = subprocess.run(
-        [sys.executable, str(ROOT / "tests/tools/left_by_commands.py"), *commands],
-        env={
-            **os.environ,
-            "PYTHONPATH": f"{ROOT}:{ROOT / 'tools'}",
-            "NUMBA_CACHE_DIR": str(tmp_path / "kernels"),
-        },
-        capture_output=True, text=True, check=False, timeout=300,
-    )  # fmt: skip
-    assert done.returncode == 0, done.stderr
-    assert "compiling kernels, once on each machine for each kind of work" in done.stderr
+    map_, query = drive / "map.npz", drive / "query.npz"
+    words = ["match", map_, query, "-o", tmp_path / "run", "--overwrite", "--no-figures"]
+    errors = [
+        subprocess.run(
+            [sys.executable, "-m", "edge_vpr_tools.cli", *map(str, words)],
+            env={**os.environ, "NUMBA_CACHE_DIR": str(tmp_path / "kernels")},
+            capture_output=True, text=True, check=True, timeout=300,
+        ).stderr
+        for _ in range(2)
+    ]  # fmt: skip
+    assert errors == [f"edge-vpr: {COMPILING}\n", ""]

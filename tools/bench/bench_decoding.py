@@ -61,7 +61,6 @@ def cut(data: bytes, piece: int) -> list[bytes]:
 def bench_decoding(race, benchmark, line, size):
     pieces = cut(line.data, PIECES[size])
     host = host_of(line.device)
-    open_decoder(host, SENSOR).warm_up()
 
     def run():
         decoder = open_decoder(host, SENSOR)

@@ -181,7 +181,7 @@ install_all() {
     # what is wrong on this machine is shown, and need not be on the one that runs it
     inside runuser -u edge-vpr -- env -i PATH=/usr/bin:/bin NUMBA_CACHE_DIR=/var/cache/edge-vpr \
         MPLCONFIGDIR=/var/cache/edge-vpr/matplotlib "/opt/edge-vpr/$slot/bin/edge-vpr" \
-        doctor --compile ||
+        doctor ||
         echo "warning: edge-vpr doctor found something wrong, marked !! above" >&2
     switch_to "$slot"
     # of installers before there were two versions

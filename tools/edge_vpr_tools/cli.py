@@ -24,7 +24,6 @@ from types import FrameType, ModuleType
 from typing import Any, NoReturn
 
 from edge_vpr import __version__
-from edge_vpr.compile_report import COMPILE_ALL
 from edge_vpr.errors import (
     EdgeVprError,
     EdgeVprWarning,
@@ -488,7 +487,7 @@ def run(argv: Sequence[str]) -> None:
     level = Verbosity.QUIET if args.quiet else Verbosity(args.verbose)
     with (
         verbosity(level, argv, parser.flags, json=getattr(args, "json", None) is True),
-        compiling_noted("" if verb == "doctor" else COMPILE_ALL),
+        compiling_noted(),
     ):
         try:
             command_of(verb).run(args)

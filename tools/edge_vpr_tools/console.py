@@ -26,7 +26,6 @@ if TYPE_CHECKING:
 
     from edge_vpr.descriptors.counting import Removed
     from edge_vpr.reference_map import ReferenceMap
-    from edge_vpr.warm_up import WarmUpStep
 
 # Notes on standard error and summaries on standard output, depending on ``-q`` and ``-v``.
 
@@ -228,14 +227,6 @@ def status(text: str) -> Iterator[Callable[[str], None]]:
     check_interrupted()
 
 
-def warm_up_shown(steps: Sequence[WarmUpStep]) -> None:
-    """Compile the kernels of all steps, and show on a terminal which."""
-    from edge_vpr.warm_up import warm_up
-
-    with status("kernels") as show:
-        warm_up(steps, show)
-
-
 # Orderly end, with files and summary, on Ctrl-C, SIGTERM and a closed terminal.
 
 
@@ -372,22 +363,8 @@ def _console(width: int) -> Console:
 # Note that kernels are being compiled, which takes long, or that compiled ones were damaged.
 
 
-#: shorter compilations are not worth a line
-SILENT_S = 0.5
-
-
 @contextmanager
-def compiling_noted(hint: str = "") -> Iterator[None]:
-    """Print one note when compilation within the block has taken longer than `SILENT_S`.
-
-    Print another one when compiled kernels were damaged.
-
-    Parameters
-    ----------
-    hint : str
-        End of the note.
-    """
-    with compiling_reported(lambda text: note(text + hint), SILENT_S) as spent:
+def compiling_noted() -> Iterator[None]:
+    """Print one note when kernels are compiled within the block, or when they were damaged."""
+    with compiling_reported(note):
         yield
-    if spent["spent_s"]:
-        detail(f"compiling kernels took {spent['spent_s']:.1f} s")

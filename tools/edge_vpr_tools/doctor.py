@@ -11,30 +11,19 @@ import subprocess
 import sys
 import tempfile
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
-from functools import partial
+from dataclasses import dataclass
 from importlib.metadata import PackageNotFoundError, distribution, version
-from itertools import product
 from pathlib import Path
 from textwrap import wrap
 from typing import Literal, NamedTuple
 
-import numpy as np
 from packaging.requirements import Requirement
 from serial.tools import list_ports
 
 from edge_vpr import __version__
-from edge_vpr.descriptors.cleaning import BurstFilter
-from edge_vpr.errors import EdgeVprError, install_command, printable
-from edge_vpr.live.protocols import PROTOCOLS, open_decoder
-from edge_vpr.live.stream_matcher import StreamMatcher
+from edge_vpr.errors import install_command, printable
 from edge_vpr.online.kernels import process_events
-from edge_vpr.online.schedule import MatchSchedule
-from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.results import processor_name
-from edge_vpr.settings import PRESETS, Preset, resolve_settings
-from edge_vpr.simulation import SimulatedRecording, simulate_pair
-from edge_vpr.warm_up import WarmUpStep, localising_steps, matching_steps, warm_up
 from edge_vpr_tools.profile.conditions import Conditions
 from edge_vpr_tools.profile.sensors.search import find_sensors
 from edge_vpr_tools.profile.sensors.sensor import ROOT
@@ -61,10 +50,7 @@ class Finding:
     remedy: str
 
 
-# Check where compiled kernels are stored, and compile them before they are needed.
-
-
-_COMPILE = "edge-vpr doctor --compile, as the user who will run it"
+# Check where compiled kernels are stored.
 
 
 def _cache_folder() -> Path | None:
@@ -82,50 +68,7 @@ def check_kernels() -> Iterator[Found]:
     elif any(folder.glob(f"kernels.{process_events.__name__}-*.nbi")):
         yield Found("good", f"kept in {folder}")
     else:
-        yield Found("absent", f"none in {folder} yet: the first run takes longer", _COMPILE)
-
-
-def compile_kernels(show: Callable[[str], None] = lambda text: None) -> None:
-    """Compile all kernels, with every preset and protocol, into Numba's cache."""
-    if _cache_folder() is None:
-        raise EdgeVprError(
-            "there is no folder where compiled kernels may be kept: set NUMBA_CACHE_DIR to one "
-            "that this user may write"
-        )
-    drives = simulate_pair(0, length_m=20.0)
-    # sums of few pixels have narrower integers, and therefore kernels of their own
-    steps = [
-        WarmUpStep(
-            f"preset {preset}, {pixels or 'its'} pixels", partial(_run, *drives, preset, pixels)
-        )
-        for preset, pixels in product(PRESETS, (25, None))
-    ]
-    for protocol in PROTOCOLS:
-        decoder = open_decoder(protocol, drives[0].sensor)
-        steps.append(WarmUpStep(f"protocol {protocol}", decoder.warm_up))
-    warm_up(steps, show)
-
-
-def _run(
-    first: SimulatedRecording, second: SimulatedRecording, preset: Preset, pixels: int | None
-) -> None:
-    """Map one drive and match another with a preset, recorded and live."""
-    # 20 m have only a few of the default windows
-    settings = resolve_settings(preset, flags={"tau_us": 200_000, "pixels": pixels})
-    reference = ReferenceMap.build(first, settings)
-    reference.match(second)
-    if reference.settings.profile is None:
-        return  # for recordings only
-    decoder = open_decoder("evpr", first.sensor)
-    schedule = MatchSchedule(interval_us=50_000)
-    StreamMatcher(decoder, reference, schedule).finish()
-    if settings.matching == "filter":
-        metred = replace(reference, odometer_mm=np.arange(len(reference), dtype=np.int64))
-        bursts = BurstFilter(first.sensor)
-        warm_up([
-            *matching_steps(metred, odometry=True),
-            *localising_steps(metred, schedule, bursts, odometry=True),
-        ])  # fmt: skip
+        yield Found("absent", f"none in {folder} yet: the first run takes longer")
 
 
 # Check this machine: processor, memory, clock, serial ports, power sensors.

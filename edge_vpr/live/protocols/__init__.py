@@ -5,9 +5,7 @@ One registry is behind all of them: ``open_decoder("edvs:format=E3", sensor)``.
 
 from __future__ import annotations
 
-import copy
 from abc import ABC, abstractmethod
-from collections.abc import Iterable
 from typing import Any, Literal
 
 from edge_vpr.errors import UsageError
@@ -16,7 +14,6 @@ from edge_vpr.live.protocols.health import UNKNOWN, Health
 from edge_vpr.live.protocols.timestamps import Clock, TimestampFilter
 from edge_vpr.plugins import Registry
 from edge_vpr.recordings.reading import Columns
-from edge_vpr.warm_up import synthetic_events
 
 __all__ = [
     "PROTOCOLS",
@@ -26,7 +23,6 @@ __all__ = [
     "Health",
     "OptionReader",
     "ProtocolName",
-    "damaged_sample",
     "open_decoder",
     "open_encoder",
     "parse_protocol",
@@ -71,21 +67,6 @@ class Decoder:
     def reached_us(self) -> int:
         """Time up to which the stream is known: no later event is earlier than this."""
         return self.timestamps.reached_us
-
-    def warm_up(self) -> None:
-        """Compile the kernels for decoding before the first bytes arrive, which can take seconds.
-
-        Neither the decoder's state nor its health changes.
-        """
-        for sample in self._samples():
-            scratch = copy.deepcopy(self)
-            scratch.feed(sample)
-            scratch.gap(1)
-            scratch.finish()
-
-    def _samples(self) -> Iterable[bytes]:
-        """Return streams that together use all of this decoder's kernels."""
-        return ()
 
     def setup(self) -> bytes:
         """Return the commands to send when the link opens."""
@@ -214,12 +195,6 @@ class Encoder(ABC):
     def respond(self, command: bytes) -> bytes:
         """Return the answer to bytes that the host sent."""
         return b""
-
-
-def damaged_sample(encoder: Encoder) -> bytes:
-    """Encode the synthetic events, without a byte in the middle."""
-    words = encoder.encode(synthetic_events())
-    return words[: len(words) // 2] + words[len(words) // 2 + 1 :]
 
 
 class OptionReader:

@@ -18,7 +18,6 @@ polarity in bit 0), then 32 bits of microseconds.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -30,7 +29,7 @@ from edge_vpr.compiling import kernel
 from edge_vpr.errors import UsageError, printable
 from edge_vpr.events import Events, Sensor
 from edge_vpr.files import read_toml
-from edge_vpr.live.protocols import Clock, Decoder, Encoder, OptionReader, damaged_sample
+from edge_vpr.live.protocols import Clock, Decoder, Encoder, OptionReader
 from edge_vpr.live.protocols.timestamps import STEP_US
 from edge_vpr.live.protocols.words import Raw, Reading, WordDecoder, word_at
 from edge_vpr.recordings.reading import Columns, empty_columns
@@ -129,9 +128,6 @@ class LayoutDecoder(WordDecoder):
         self._form = layout.form()
         self._memory = np.array([_NOTHING], dtype=_MEMORY)
         self._columns = empty_columns(0)
-
-    def _samples(self) -> Iterable[bytes]:
-        yield damaged_sample(LayoutEncoder("sample", self.layout, self.sensor))
 
     def _readings(self, raw: Raw, most: int) -> list[Reading]:
         return [Reading(*row) for row in _read(raw, most, self._form).tolist()]

@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-
 import numpy as np
 
 from edge_vpr.compiling import kernel
 from edge_vpr.errors import UsageError
 from edge_vpr.events import Events, Sensor
-from edge_vpr.live.protocols import Clock, Decoder, Encoder, OptionReader, damaged_sample
+from edge_vpr.live.protocols import Clock, Decoder, Encoder, OptionReader
 from edge_vpr.live.protocols.aer import (
     NOTICE_WORDS,
     Field,
@@ -71,9 +69,6 @@ class StepDecoder(Decoder):
         self._searching = True
         self._columns = empty_columns(0)
         self.resync_bytes = (SEARCH_WORDS + NOTICE_WORDS + 1) * _LONGEST
-
-    def _samples(self) -> Iterable[bytes]:
-        yield damaged_sample(EdvsEncoder(self.sensor, STEPS, self._sync, "new", echo=False))
 
     def _lose_sync(self) -> None:
         self._searching = True

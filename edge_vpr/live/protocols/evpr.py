@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import struct
 import zlib
-from collections.abc import Iterable
 from typing import Any, NamedTuple, cast
 
 import numpy as np
@@ -22,7 +21,6 @@ from edge_vpr.live.protocols.timestamps import (
     start_clock,
 )
 from edge_vpr.recordings.reading import Columns, empty_columns
-from edge_vpr.warm_up import synthetic_events
 
 #: Longest frame before stuffing, and after stuffing (without the zero at its end).
 MAX_FRAME = 8_192
@@ -448,9 +446,6 @@ class EvprDecoder(Decoder):
         self._buffers = SharedState(
             FrameBuffers.of(np.array([(-1, 0, 0, 0, *_bits_of(sensor))], dtype=_STATE))
         )
-
-    def _samples(self) -> Iterable[bytes]:
-        yield EvprEncoder(Sensor(1, 1)).encode(synthetic_events())
 
     def setup(self) -> bytes:
         """Return an empty frame, which reports the host's presence."""

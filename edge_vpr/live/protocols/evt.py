@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from abc import abstractmethod
-from collections.abc import Iterable
 from itertools import pairwise
 from typing import Any
 
@@ -13,7 +12,7 @@ import numpy.typing as npt
 from edge_vpr.compiling import kernel
 from edge_vpr.errors import UsageError
 from edge_vpr.events import Events, Sensor
-from edge_vpr.live.protocols import Clock, Decoder, Encoder, OptionReader, damaged_sample
+from edge_vpr.live.protocols import Clock, Decoder, Encoder, OptionReader
 from edge_vpr.live.protocols.words import SEARCH_WORDS, Raw, Reading, WordDecoder, word_at
 from edge_vpr.recordings.prophesee import (
     EVT2_KINDS,
@@ -56,9 +55,6 @@ class EvtDecoder(WordDecoder):
         )  # fmt: skip
         self._name = name
         self._shift = np.uint64(32 if name == "evt21" else 0)  # to the upper half of a long word
-
-    def _samples(self) -> Iterable[bytes]:
-        yield damaged_sample(ENCODERS[self._name](self.sensor))
 
     def _readings(self, raw: Raw, most: int) -> list[Reading]:
         found = _read(raw, most, self._size, self._name == "evt3", self._shift, *self.sensor)

@@ -5,21 +5,15 @@ from __future__ import annotations
 import argparse
 
 from edge_vpr.errors import EdgeVprError
-from edge_vpr_tools.console import status, summary
+from edge_vpr_tools.console import summary
 
 EXAMPLES = """\
   edge-vpr doctor
-  edge-vpr doctor --json
-  edge-vpr doctor --compile"""
+  edge-vpr doctor --json"""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add this command's arguments."""
-    group = parser.add_argument_group("checks")
-    group.add_argument(
-        "--compile", action="store_true",
-        help="compile now what a live run needs, so that it starts at once",
-    )  # fmt: skip
     output = parser.add_argument_group("output")
     output.add_argument("--json", action="store_true", help="print JSON, for programs")
 
@@ -27,11 +21,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> None:
     """Print what was found."""
     from edge_vpr.results import json_text
-    from edge_vpr_tools.doctor import as_text, compile_kernels, examine
+    from edge_vpr_tools.doctor import as_text, examine
 
-    if args.compile:
-        with status("compiling kernels") as show:
-            compile_kernels(show)
     findings = examine()
     if args.json:
         print(json_text(findings, indent=2))

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import itertools
-import time
 import warnings
 from dataclasses import asdict
 from pathlib import Path
@@ -16,7 +15,6 @@ from edge_vpr_tools.console import (
     number_of,
     print_facts,
     summary,
-    warm_up_shown,
     warn_of_bursts,
     warn_of_few_places,
     warning,
@@ -233,21 +231,18 @@ def _mapped(
     removed: Removed,
 ) -> tuple[ReferenceMap, float]:
     """Return the map of the reference drive, and the time that it took in seconds."""
-    from edge_vpr.descriptors.counting import WindowSource
+    from edge_vpr.compiling import working_s
     from edge_vpr.reference_map import ReferenceMap
-    from edge_vpr.warm_up import mapping_steps
     from edge_vpr_tools.inputs import tracked
 
     detail_settings(settings.to_dict())
-    if not isinstance(recording, WindowSource):
-        warm_up_shown(mapping_steps(settings))
-    start = time.perf_counter()
+    start = working_s()
     reference = ReferenceMap.build(
         tracked(recording, "mapping"), settings, pixel_map=args.pixel_map,
         hot=_hot_pixel_file(args), track=track, odometry=args.odometry,
         removed=removed,
     )  # fmt: skip
-    seconds = time.perf_counter() - start
+    seconds = working_s() - start
     found = len(reference.pixel_map)
     if args.pixel_map is None and found < settings.pixels:
         warning(

@@ -12,7 +12,6 @@ from edge_vpr_tools.console import (
     detail_settings,
     shell_word,
     summary,
-    warm_up_shown,
     warn_of_bursts,
     warn_of_few_places,
 )
@@ -106,7 +105,6 @@ def run(args: argparse.Namespace) -> None:
     from edge_vpr.matching.drive import query_distances
     from edge_vpr.reference_map import KIND as MAP_KIND
     from edge_vpr.reference_map import ReferenceMap
-    from edge_vpr.warm_up import matching_steps
     from edge_vpr_tools.inputs import describe_faults, describe_removed, open_source, tracked
     from edge_vpr_tools.report.verdict import outcome_of
 
@@ -134,11 +132,9 @@ def run(args: argparse.Namespace) -> None:
     detail_settings(asked.settings.to_dict())
     recording: Recording | PublishedWindows
     if args.online:
-        recording, found = _match_online(args, reference, asked, odometry)
+        recording, found = _match_online(args, reference, odometry)
     else:
         recording = open_source(args, args.recording, reference.camera)
-        with_odometry = odometry is not None
-        warm_up_shown(matching_steps(asked, odometry=with_odometry))
         found = reference.match(
             tracked(recording, "counting"),
             odometry=odometry,
@@ -195,32 +191,17 @@ def run(args: argparse.Namespace) -> None:
 
 
 def _match_online(
-    args: argparse.Namespace,
-    reference: ReferenceMap,
-    asked: ReferenceMap,
-    odometry: Odometry | None,
+    args: argparse.Namespace, reference: ReferenceMap, odometry: Odometry | None
 ) -> tuple[Recording, MatchResult]:
-    """Feed the recording to a localiser event by event, as a device does.
-
-    Parameters
-    ----------
-    asked : ReferenceMap
-        The map with the settings of this run.
-    """
-    from edge_vpr.descriptors.cleaning import BurstFilter
-    from edge_vpr.warm_up import localising_steps
+    """Feed the recording to a localiser event by event, as a device does."""
     from edge_vpr_tools.inputs import open_from, tracked
 
     if args.frames_as_windows:
         raise UsageError("--online needs events: leave --frames-as-windows out")
-    causal = asked.causal()
-    every = args.every or "event"
     recording = open_from(args, args.recording, reference.camera)
-    bursts = BurstFilter(reference.pixel_map.sensor)
-    warm_up_shown(localising_steps(causal, every, bursts, odometry=odometry is not None))
     return recording, reference.match(
         tracked(recording, "localising"),
-        every=every,
+        every=args.every or "event",
         odometry=odometry,
         **match_flags(args),
     )

@@ -13,7 +13,6 @@ from edge_vpr.errors import RecordingError, UsageError, printable
 from edge_vpr.settings import duration_us
 from edge_vpr_tools.console import (
     error_line,
-    status,
     stopped_by_signals,
     summary,
     warn_of_bursts,
@@ -29,7 +28,7 @@ from edge_vpr_tools.flags import (
 )
 
 if TYPE_CHECKING:
-    from edge_vpr.live.session import LiveSession
+    from edge_vpr.live.session import LiveSession, Message
     from edge_vpr.reference_map import ReferenceMap
     from edge_vpr.settings import Settings
     from edge_vpr_tools.live_view import View
@@ -251,22 +250,18 @@ def _show(args: argparse.Namespace, session: LiveSession) -> None:
     from edge_vpr_tools.publish import MatchServer
 
     line_s = duration_us(args.status_every) / 1e6 if args.status_every else None
-    session.on_message = lambda message: None  # the command itself says that it compiles
     try:
         with ExitStack() as stack:
             stack.enter_context(stopped_by_signals(session.stopping))
             server = None
             if args.http is not None:
                 server = stack.enter_context(MatchServer(args.http))
-            with status("kernels") as shown:
 
-                def show(text: str) -> None:
-                    shown(text)
-                    if server is not None:
-                        server.stage = text
+            def show_stage(message: Message) -> None:
+                if server is not None and message.kind == "compiling":
+                    server.stage = message.text
 
-                session.warm_up(show)
-                show("")
+            session.on_message = show_stage  # the command itself notes that it compiles
             session.open()
             # opened last, so that a missing camera does not overwrite the run before
             view = stack.enter_context(
