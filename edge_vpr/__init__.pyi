@@ -33,7 +33,9 @@ from .events import Sensor as Sensor
 from .events import crop as crop
 from .events import join_events as join_events
 from .events import make_events as make_events
+from .live.links import Line as Line
 from .live.session import LiveSession as LiveSession
+from .live.session_files import SessionFiles as SessionFiles
 from .map_making import describe as describe
 from .match_result import MatchResult as MatchResult
 from .matching.distances import ReferenceIndex as ReferenceIndex

@@ -7,7 +7,7 @@ import sys
 import time
 from collections.abc import Callable
 
-from edge_vpr import LiveSession
+from edge_vpr import Line, LiveSession
 from edge_vpr.errors import EdgeVprError
 
 FAST, SLOW, STOP = 1.0, 0.2, 0.0  # m/s
@@ -31,7 +31,7 @@ def follow(port: str, protocol: str, map_path: str, goal_m: float, drive: Callab
     path, until_m = None, 0.0  # of the last match to rely on: its path, and how far to trust it
     speed, since_s, blind_m = STOP, time.monotonic(), 0.0  # blind_m: driven since that match
     try:
-        with LiveSession(port, **route, reconnect=False) as session:
+        with LiveSession(Line(port, reconnect=False), **route) as session:
             if session.reference.along_mm is None:
                 sys.exit(f"{map_path} has no positions: make it with edge-vpr map --track")
             for match in session:

@@ -17,13 +17,15 @@ import termios
 import time
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 from edge_vpr.archive import archive_kind
-from edge_vpr.errors import EdgeVprError, UsageError, kind_of
+from edge_vpr.errors import EdgeVprError, UsageError, expect, kind_of
 from edge_vpr.recordings import FORMATS
 from edge_vpr.reference_map import KIND as MAP_KIND
+from edge_vpr.settings import duration_us
 
 # Interface of a link to a device or to a host, and its errors.
 
@@ -472,6 +474,52 @@ def _is_recording(path: Path) -> bool:
         with path.open("rb") as file:
             return file.read(2) == b"% "
     return path.suffix in _OF_RECORDINGS
+
+
+@dataclass(frozen=True)
+class Line:
+    """A link to a camera, and how a live session reads it.
+
+    Parameters
+    ----------
+    link : str, Path or object
+        A serial port, ``tcp://HOST:PORT``, ``udp://:PORT``, ``-`` or a file of bytes, see
+        `open_link`; or what is open already: a `Link`, a socket, a file, a descriptor, a port of
+        pyserial. Open objects cannot be opened again.
+    baud : int, optional
+        Of a serial port; by default the protocol's.
+    flow_control : bool
+        Use the RTS and CTS wires.
+    reconnect : bool
+        Open a live link again when it is disconnected; else its end is the session's.
+    on_overload : {"drop", "wait"}, optional
+        See `LinkReader`; by default files and pipes wait.
+    max_lag : str
+        Bytes that have waited longer than this for a host that is too slow are dropped.
+    """
+
+    link: Any
+    baud: int | None = None
+    flow_control: bool = False
+    reconnect: bool = True
+    on_overload: Literal["drop", "wait"] | None = None
+    max_lag: str = "500ms"
+
+    def __post_init__(self) -> None:
+        if self.on_overload not in (None, "drop", "wait"):
+            raise UsageError(f"on_overload={self.on_overload!r}: expected 'drop', 'wait' or None")
+        expect(self.max_lag, str, "max_lag", "a text such as '500ms'")
+        duration_us(self.max_lag)
+
+    @property
+    def drop(self) -> bool | None:
+        """Whether waiting bytes are dropped; None: if the link is live."""
+        return None if self.on_overload is None else self.on_overload == "drop"
+
+    @property
+    def max_lag_s(self) -> float:
+        """`max_lag` in seconds."""
+        return duration_us(self.max_lag) / 1e6
 
 
 def link_opener(link: Any, baud: int, flow_control: bool) -> tuple[Callable[[], Link], bool]:

@@ -9,39 +9,30 @@ import os
 import threading
 import time
 from collections import deque
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from types import TracebackType
-from typing import Any, Literal, NamedTuple, Self, Unpack
+from typing import Any, NamedTuple, Self, Unpack
 
 from edge_vpr.compile_report import compiling_reported
 from edge_vpr.compiling import have_kernels
-from edge_vpr.descriptors.counting import Removed
-from edge_vpr.errors import RecordingError, UsageError, as_path, expect, printable
+from edge_vpr.errors import RecordingError, UsageError, expect, printable
 from edge_vpr.events import Sensor
-from edge_vpr.files import check_output, work_folder
-from edge_vpr.learning import MapUpdate
-from edge_vpr.live.links import link_opener
-from edge_vpr.live.new_map import make_map
+from edge_vpr.live.links import Line, link_opener
 from edge_vpr.live.odometer import DrivenAndMatched, OdometerReader
 from edge_vpr.live.protocols import Health, ProtocolName, open_decoder
 from edge_vpr.live.reader import LinkReader
-from edge_vpr.live.recorder import Recorder, check_recorded
 from edge_vpr.live.rehearsal import rehearse
-from edge_vpr.live.state import StateFile, check_state_file
+from edge_vpr.live.session_files import SessionFiles
 from edge_vpr.live.stream_matcher import LiveResult, StreamMatcher
 from edge_vpr.live.watches import SILENT_S, LagWatch, LineWatch, MisfitWatch
 from edge_vpr.matching.match import Match, heartbeat
 from edge_vpr.online.schedule import MatchSchedule
 from edge_vpr.reference_map import ReferenceMap
-from edge_vpr.results import check_new_file, check_new_map
 from edge_vpr.settings import (
     MatchingChanges,
     PartName,
-    Preset,
-    Settings,
     duration_us,
-    resolve_settings,
 )
 
 #: seconds after which a step ends for which no bytes came
@@ -126,10 +117,9 @@ class LiveSession:
 
     Parameters
     ----------
-    link : str, Path or object
-        A serial port, ``tcp://HOST:PORT``, ``udp://:PORT``, ``-`` or a file of bytes, see
-        `open_link`; or what is open already: a `Link`, a socket, a file, a descriptor, a port of
-        pyserial. Open objects cannot be opened again.
+    line : Line, str, Path or object
+        Where the camera is: a `Line`, or only its link: a serial port, ``tcp://HOST:PORT``, a file
+        of bytes, an open socket, ...
     protocol : str
         Of the camera: ``evpr``, ``edvs``, ``evt3``, ..., with options after a colon.
     reference : ReferenceMap or path, optional
@@ -139,43 +129,16 @@ class LiveSession:
         of events.
     sensor : Sensor or str, optional
         Such as ``128x128``; by default the map's.
-    baud : int, optional
-        Of a serial port; by default the protocol's.
-    flow_control : bool
-        Use the RTS and CTS wires.
-    reconnect : bool
-        Open a live link again when it is disconnected; else its end is the session's.
     heartbeat : str, optional
         Yield a heartbeat (see `Match`) whenever no match came for this time, such as ``500ms``;
         longer than a window if matches come at its end.
     odometry : str, optional
         Where the robot sends its odometer, see `open_link`; not a file.
-    record : path or sequence of paths
-        Files of the bytes (``.bin``) or of the events (``.npz``, ``.raw``, ...).
-    learn : path, optional
-        On close, write `reference`, updated with this drive, to this file (see
-        `ReferenceMap.update`). Without `reference`, or with other settings of windows, pixels or
-        codes than it has, it is a new map of this drive. All the while, the drive is matched with
-        `reference` as it was.
-    state : path, optional
-        A file with the suffix ``.state``, in which the session keeps what it knows of the drive,
-        every two seconds and at its end; a session with the same map and settings goes on from
-        there. A state that is older than a silence of the camera's clock may be (60 s; 600 s where
-        a checksum protects times), or is damaged, is not used, and a message says so. After another
-        start of the machine its age is not known, and the robot may be as far from there as this
-        time allows. Not with `learn`; files and pipes have none. Each session needs a file of its
-        own.
-    settings : Settings or str, optional
-        Of the map to write, or the name of a preset; by default those of `reference`.
-    overwrite : bool
-        Whether files that exist may be replaced.
-    on_overload : {"drop", "wait"}, optional
-        See `LinkReader`; by default files and pipes wait.
-    max_lag : str
-        Bytes that have waited longer than this for a host that is too slow are dropped.
     max_age : str, optional
         A match that is older than this when it is given is `lost`, with a `probability` of 0; by
         default two windows.
+    files : SessionFiles, optional
+        Recordings, a map of the drive, the state of matching.
     on_message : callable, optional
         Called with each `Message`; by default problems go to the logger ``edge_vpr.live``.
     **changes
@@ -193,45 +156,29 @@ class LiveSession:
         Whether the link has ended for good, or `stop` was called, and all matches were given.
     stopping : threading.Event
         Ends the session when it is set, as `stop` does.
-    learnt : ReferenceMap or None
-        The map that was written, after `close`.
-    update : MapUpdate or None
-        What `reference` has learnt, if it has.
-    removed : Removed
-        Counts of events that were removed as bursts for that map.
+    files : SessionFiles
+        Also what was written.
     """
 
     def __init__(
         self,
-        link: Any,
+        line: Any,
         *,
         protocol: ProtocolName | PartName,
         reference: ReferenceMap | str | Path | None = None,
         every: str | MatchSchedule | None = None,
         sensor: Sensor | tuple[int, int] | str | None = None,
-        baud: int | None = None,
-        flow_control: bool = False,
-        reconnect: bool = True,
         heartbeat: str | None = None,
         odometry: str | None = None,
-        record: str | Path | Sequence[str | Path] = (),
-        learn: str | Path | None = None,
-        state: str | Path | None = None,
-        settings: Settings | Preset | None = None,
-        overwrite: bool = False,
-        on_overload: Literal["drop", "wait"] | None = None,
-        max_lag: str = "500ms",
         max_age: str | None = None,
+        files: SessionFiles | None = None,
         on_message: Callable[[Message], object] | None = None,
         **changes: Unpack[MatchingChanges],
     ) -> None:
         expect(protocol, str, "protocol", "its name, such as 'edvs'")
         _check_odometry(odometry)
-        if on_overload not in (None, "drop", "wait"):
-            raise UsageError(f"on_overload={on_overload!r}: expected 'drop', 'wait' or None")
-        map_file = reference if isinstance(reference, str | Path) else None
-        known = _loaded(reference)
-        chosen = settings or ("default" if known is None else known.settings)
+        map_file = Path(reference) if isinstance(reference, str | Path) else None
+        known = loaded = _loaded(reference)
         if known is None and changes:
             raise UsageError(f"{', '.join(changes)}: nothing is matched without reference=")
         if known is not None and changes:
@@ -245,56 +192,28 @@ class LiveSession:
         self._every = None
         if self.reference is not None:
             self._every = MatchSchedule.parse(every, self.reference.settings)
-        self._settings = chosen if isinstance(chosen, Settings) else resolve_settings(chosen)
-        self._drop = None if on_overload is None else on_overload == "drop"
-        self._open_link, reopens = link_opener(link, baud or self.decoder.baud, flow_control)
-        self._address, self._odometry = str(link), odometry
-        self._reconnect = reconnect and reopens
+        line = line if isinstance(line, Line) else Line(line)
+        self._open_link, reopens = link_opener(
+            line.link, line.baud or self.decoder.baud, line.flow_control
+        )
+        self._address, self._odometry = str(line.link), odometry
+        self._reconnect = line.reconnect and reopens
+        self._drop, self._max_lag_s = line.drop, line.max_lag_s
         self._heartbeat_s = _seconds(heartbeat, "heartbeat") or math.inf
-        self._max_lag_s = _seconds(max_lag, "max_lag") or 0.0
         self._max_age_s = _seconds(max_age, "max_age")
-        paths = list(record) if isinstance(record, list | tuple) else [record]
-        self._record = [as_path(path, "a file to record") for path in paths]
-        self._learn = None if learn is None else as_path(learn, "the map to learn")
-        self._state = None if state is None else as_path(state, "the state")
-        self._overwrite = overwrite
-        source = Path(link) if isinstance(link, str | os.PathLike) else None
-        self._check_files(source, map_file)
+        source = Path(line.link) if isinstance(line.link, str | os.PathLike) else None
+        self.files = SessionFiles() if files is None else files
+        self.files.check(loaded, (source, map_file))
         self.on_message = on_message
         self.stopping = threading.Event()
         self.ended = False
-        self.learnt: ReferenceMap | None = None
-        self.update: MapUpdate | None = None
-        self.removed = Removed()
         self._warm = self._opened = self._closed = self._raised = False
         self._given = self._jumps = self._heard_us = 0
-        self._heard_s = 0.0
         # readings of the odometer that wait, and when each came
         self._shown: deque[tuple[float, int]] = deque(maxlen=_MOST_SHOWN)
         self._newest: Match | None = None
         self._ratio = DrivenAndMatched()
-        self._readings: dict[int, int] = {}
         self._fresh: list[tuple[int, float]] = []
-
-    def _check_files(self, source: Path | None, map_file: str | Path | None) -> None:
-        """Check, before the link is opened, that the files can be written and replace no other."""
-        for path in self._record:
-            check_recorded(path, "record")
-            check_output(path, [map_file])
-        if self._state is not None:
-            if self.reference is None or self._learn is not None:
-                raise UsageError(
-                    f"state {self._state}: it is of matching with a map: give reference=, and "
-                    "leave out learn="
-                )
-            check_state_file(self._state, self._overwrite)
-        seen: set[Path] = set()
-        for path in filter(None, (*self._record, self._learn)):
-            if path.resolve() in seen:
-                raise UsageError(f"{path} is named twice: give each file another name")
-            seen.add(path.resolve())
-            check = check_new_map if path is self._learn else check_new_file
-            check(path, [source], self._overwrite)
 
     # -- opening and closing
 
@@ -318,7 +237,7 @@ class LiveSession:
         if self._warm:
             return
         protocol, reference = self._protocol, self.reference
-        odometry, state = self._odometry is not None, self._state is not None
+        odometry, state = self._odometry is not None, self.files.keeps_state
         types: list[object] = [protocol, self._every, odometry, state]
         if reference is not None:
             measured = (reference.along_mm is None, len(reference.pixel_map))
@@ -348,12 +267,10 @@ class LiveSession:
         if self._opened:
             return
         self.warm_up()
-        reference, decoder = self.reference, self.decoder
-        self._state_file: StateFile | None = None
-        with contextlib.ExitStack() as work, contextlib.ExitStack() as stack:
-            if self._state is not None and reference is not None:
-                self._state_file = StateFile(self._state, reference, self._every, self._say)
-                stack.callback(self._state_file.release)
+        reference, decoder, files = self.reference, self.decoder, self.files
+        with contextlib.ExitStack() as stack:
+            files.lock(reference, self._every, self._say)
+            stack.callback(files.release)
             self._reader = LinkReader(
                 self._open_link, address=self._address,
                 setup=decoder.setup(), teardown=decoder.teardown(),
@@ -366,22 +283,15 @@ class LiveSession:
             if self._odometry is not None:
                 self._odometer = OdometerReader(self._odometry, self._say, retry=self._reconnect)
                 stack.callback(self._odometer.stop)
-            # last, so that a missing camera does not overwrite the run before
-            self._drive = None
-            if self._learn is not None:
-                self._drive = work.enter_context(work_folder(self._learn)) / "drive.npz"
-            self._recorder = Recorder(
-                self._record, self._drive, self.sensor, self.stop, self._say,
-                overwrite=self._overwrite,
-            )  # fmt: skip
-            stack.callback(self._recorder.close)
-            self._stack, self._work = stack.pop_all(), work.pop_all()
+            files.open(self.sensor, self.stop, self._say)
+            stack.callback(files.close)
+            self._stack = stack.pop_all()
         self._line = LineWatch(self._reader, decoder, self._say)
         window_us = SILENT_S * 1e6
         if reference is not None and reference.settings.window == "time":
             window_us = reference.settings.tau_us
-        self._lag = LagWatch(self.health, window_us, self._say, live=self._reader.live)
-        self._misfits = MisfitWatch(self.health, self._say)
+        self._lag = LagWatch(decoder.health, window_us, self._say, live=self._reader.live)
+        self._misfits = MisfitWatch(decoder.health, self._say)
         self._begin_s = self._beat_s = time.monotonic()
         self._newest_max_age_s = math.inf
         self._opened = True
@@ -391,7 +301,7 @@ class LiveSession:
         self.stopping.set()
 
     def close(self) -> None:
-        """Close the link, complete the files, and make the map of `learn`; again is harmless.
+        """Close the link, complete the files, and make the map to learn; again is harmless.
 
         Raises
         ------
@@ -401,13 +311,9 @@ class LiveSession:
         if self._closed or not self._opened:
             return
         self._closed = True
-        with self._work:
+        with self.files.work:
             self._end()
-            if self._drive is not None and self._learn is not None and self._drive.exists():
-                self.learnt, self.update, self.removed = make_map(
-                    self._drive, self._learn, self.reference, self._settings, self._readings,
-                    self._say, overwrite=self._overwrite,
-                )  # fmt: skip
+            self.files.make_map(self.reference, self._say)
 
     # -- matches
 
@@ -515,11 +421,6 @@ class LiveSession:
         return self._matcher.bursts_removed if self._warm else 0
 
     @property
-    def unwritten(self) -> str:
-        """Which recording was given up and why, if one was; else empty."""
-        return self._recorder.unwritten if self._opened else ""
-
-    @property
     def address(self) -> str:
         """Address of the link; once it is open, with the port that the system chose."""
         return self._reader.address if self._opened else self._address
@@ -533,21 +434,19 @@ class LiveSession:
             return self._end()
         chunk = reader.take(timeout)
         now = time.monotonic()
-        self.health.line_errors = reader.line_errors
+        self.decoder.health.line_errors = reader.line_errors
         if chunk is None:
             return LiveStep(None, now, self._new_readings(), self._outdated(now))
         self._line.heard(chunk.at_s)
-        self._recorder.write_bytes(chunk.data)  # first, so that errors can be reproduced
-        self._heard_s = chunk.at_s
+        # first, so that errors can be reproduced
+        self.files.take_bytes(chunk, self._matcher, live=reader.live)
         self._heard_us = int(1e6 * (time.time() - (now - chunk.at_s)))
-        if self._state_file is not None:
-            self._state_file.resume(self._matcher, chunk.at_s, live_line=reader.live)
         since_us = int((chunk.at_s - self._begin_s) * 1e6)
         result = self._matcher.feed(
             chunk.data, since_us, dropped=chunk.dropped, reopened=chunk.reopened
         )
         # before the match is used: a program that fails then has a whole file
-        self._recorder.write_events(result.events)
+        self.files.take_events(result.events)
         self._lag.look(result.events, self.decoder.reached_us, time.monotonic())
         self._misfits.look(result.rows["misfit"])
         found = self._matches(result, self._heard_us) or self._outdated(time.monotonic())
@@ -578,7 +477,8 @@ class LiveSession:
                 driven_m = self._matcher.odometer_check.distance_mm / 1e3
                 self._ratio.match(match.time_us, driven_m, match.along_m, match.jumps)
         self._newest = found[-1]
-        self.health.odometer_m, self.health.route_m = self._ratio.driven_m, self._ratio.route_m
+        health = self.decoder.health
+        health.odometer_m, health.route_m = self._ratio.driven_m, self._ratio.route_m
         return tuple(found)
 
     def _outdated(self, now_s: float) -> tuple[Match, ...]:
@@ -596,8 +496,8 @@ class LiveSession:
 
     def _look(self, step: LiveStep) -> None:
         """Do what remains after a step: odometer and messages."""
-        if step.result is not None and self._state_file is not None:
-            self._state_file.keep(self._matcher, self._heard_s)
+        if step.result is not None:
+            self.files.keep(self._matcher)
         self._look_at_odometer(time.monotonic())
         self._line.look(nothing_came=step.result is None)
 
@@ -638,8 +538,7 @@ class LiveSession:
         if reading is not None:
             time_us, distance_mm = reading
             self._fresh.append((time_us, distance_mm / 1e3))
-            if self._learn is not None:
-                self._readings[time_us] = distance_mm
+            self.files.take_reading(time_us, distance_mm)
 
     def _end(self) -> LiveStep:
         """Take the last matches, close the link and complete the recordings."""
@@ -650,9 +549,8 @@ class LiveSession:
         self.ended = True
         result = self._matcher.finish()
         self._misfits.look(result.rows["misfit"])
-        self._recorder.write_events(result.events)
-        if self._state_file is not None:
-            self._state_file.close(self._matcher, self._heard_s)
+        self.files.take_events(result.events)
+        self.files.end(self._matcher)
         self._stack.close()
         self.decoder.health.line_errors = self._reader.line_errors
         matches = self._matches(result, int(1e6 * time.time()))
@@ -665,7 +563,7 @@ class LiveSession:
         self._raised = True
         if self._reader.error is not None:
             raise self._reader.error
-        error = self._recorder.error
+        error = self.files.error
         if error is None:
             return
         if self.health.events or not isinstance(error, RecordingError):

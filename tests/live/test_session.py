@@ -21,7 +21,8 @@ import numpy as np
 import pytest
 from edge_vpr_tools.cli import main
 
-from edge_vpr import LiveSession
+import edge_vpr as ev
+from edge_vpr import LiveSession, SessionFiles
 from edge_vpr.compiling import to_kernel_state
 from edge_vpr.descriptors.counting import cleaned
 from edge_vpr.errors import UsageError
@@ -218,7 +219,7 @@ def test_a_slow_program_gets_matches_of_now(taken, route):
     line, found = Line("pty"), []
     camera = threading.Thread(target=paced, args=(line, events, 5.0), daemon=True)
     with LiveSession(
-        line.host, protocol="evpr", reference=route, heartbeat="1s", max_lag="1s"
+        ev.Line(line.host, max_lag="1s"), protocol="evpr", reference=route, heartbeat="1s"
     ) as session:
         camera.start()
         matches = iter(session)
@@ -244,7 +245,7 @@ def test_a_match_that_comes_late_is_lost(route):
         line, found = Line("pty"), []
         camera = threading.Thread(target=paced, args=(line, events, 3.0), daemon=True)
         with LiveSession(
-            line.host, protocol="evpr", reference=route, max_age=limit, max_lag="10s"
+            ev.Line(line.host, max_lag="10s"), protocol="evpr", reference=route, max_age=limit
         ) as session:
             camera.start()
             while len(found) < 20 and camera.is_alive():
@@ -314,11 +315,9 @@ def test_the_matches_of_every_protocol_are_those_of_the_recording(
     address, thread = camera(device, events)
     found = []
     with LiveSession(
-        address,
+        ev.Line(address, reconnect=False, on_overload="wait"),
         protocol=host,
         reference=route,
-        reconnect=False,
-        on_overload="wait",
         max_age="60s",
     ) as session:
         if taken == "iterated":
@@ -384,7 +383,7 @@ def test_a_link_that_is_open_already_is_taken(kind, route, query):
     expected = offline(route, query)["place"].tolist()
     found = []
     with LiveSession(
-        line.host, protocol="evpr", reference=route, on_overload="wait", max_age="60s"
+        ev.Line(line.host, on_overload="wait"), protocol="evpr", reference=route, max_age="60s"
     ) as session:
         writing = threading.Thread(target=line.write, args=(sent,), daemon=True)
         writing.start()
@@ -434,8 +433,8 @@ def test_a_camera_that_falls_silent_is_told_by_its_match_that_is_lost(every, rou
     playing = threading.Thread(target=play, daemon=True)
     playing.start()
     with LiveSession(
-        link.address, protocol="evpr", reference=route, every=every, max_age="600ms",
-        reconnect=False,
+        ev.Line(link.address, reconnect=False), protocol="evpr", reference=route, every=every,
+        max_age="600ms",
     ) as session:  # fmt: skip
         found = list(session)
     playing.join(timeout=5)
@@ -547,7 +546,8 @@ class Board:
 def test_a_camera_that_starts_whenever_it_likes_is_heard(order, host, device, query, any_baud):
     """Also on a line that is open all the time, on which the opening was sent to nobody."""
     board, events = Board(device), query[:5_000]
-    session = LiveSession(board.link.address, protocol=host, sensor=SENSOR, on_overload="wait")
+    line = ev.Line(board.link.address, on_overload="wait")
+    session = LiveSession(line, protocol=host, sensor=SENSOR)
     if order == "camera first":
         board.power_on(events)
     with session:
@@ -570,7 +570,7 @@ def test_a_port_that_is_absent_at_first_is_waited_for_unless_told_otherwise(
 ):
     said, port = [], tmp_path / "event-camera"
     with pytest.raises(LinkError, match="there is no such file or port"):
-        LiveSession(port, protocol="evpr", sensor=SENSOR, reconnect=False).open()
+        LiveSession(ev.Line(port, reconnect=False), protocol="evpr", sensor=SENSOR).open()
     with pytest.raises(LinkError, match="there is no such file"):  # a file will not be plugged in
         LiveSession(tmp_path / "raw.bin", protocol="evpr", sensor=SENSOR).open()
     session = LiveSession(port, protocol="evpr", sensor=SENSOR, on_message=said.append)
@@ -593,7 +593,7 @@ def test_a_host_that_is_starved_says_how_late_it_is(route):
     """By the camera's clock: bytes wait at the system, where no time from `read` on shows it."""
     line, encoder, said = Line("pty"), open_encoder("evpr", SENSOR), []
     session = LiveSession(
-        line.host, protocol="evpr", reference=route, on_message=said.append, max_lag="60s"
+        ev.Line(line.host, max_lag="60s"), protocol="evpr", reference=route, on_message=said.append
     )
     stop = threading.Event()
 
@@ -636,14 +636,13 @@ def test_a_lag_after_a_silence_is_the_line_s_and_nothing_else_is_suspected():
 def test_what_is_recorded_and_learnt_is_complete_when_the_block_ends(route, query, tmp_path):
     address, thread = camera("evpr", query)
     raw, events = tmp_path / "raw.bin", tmp_path / "events.npz"
-    with LiveSession(
-        address, protocol="evpr", sensor=SENSOR, reconnect=False, on_overload="wait",
-        record=[raw, events], learn=tmp_path / "map.npz", settings=route.settings,
-    ) as session:  # fmt: skip
+    line = ev.Line(address, reconnect=False, on_overload="wait")
+    files = SessionFiles(record=[raw, events], learn=tmp_path / "map.npz", settings=route.settings)
+    with LiveSession(line, protocol="evpr", sensor=SENSOR, files=files) as session:
         assert list(session) == []
     thread.join(timeout=5)
     assert np.array_equal(join_events(list(open_recording(events))), query)
-    assert len(ReferenceMap.load(tmp_path / "map.npz")) == len(session.learnt) == 19
+    assert len(ReferenceMap.load(tmp_path / "map.npz")) == len(files.learnt) == 19
     with LiveSession(raw, protocol="evpr", reference=route) as again:
         assert [match.place for match in again] == offline(route, query)["place"].tolist()
     assert sorted(path.name for path in tmp_path.iterdir()) == ["events.npz", "map.npz", "raw.bin"]
@@ -653,16 +652,15 @@ def test_a_known_route_is_matched_while_a_map_with_other_settings_is_made(route,
     address, thread = camera("evpr", query)
     places, target = len(route), tmp_path / "new.npz"
     settings = replace(route.settings, pixels=10)
-    with LiveSession(
-        address, protocol="evpr", reference=route, reconnect=False, on_overload="wait",
-        learn=target, settings=settings,
-    ) as session:  # fmt: skip
+    line = ev.Line(address, reconnect=False, on_overload="wait")
+    files = SessionFiles(learn=target, settings=settings)
+    with LiveSession(line, protocol="evpr", reference=route, files=files) as session:
         found = [match.place for match in session]
     thread.join(timeout=5)
     assert found == offline(route, query)["place"].tolist() and len(route) == places
     again = ReferenceMap.build(Drive(query, SENSOR), settings)
-    assert ReferenceMap.load(target) == session.learnt == again
-    assert session.update is None
+    assert ReferenceMap.load(target) == files.learnt == again
+    assert files.update is None
 
 
 def test_a_known_map_learns_the_drive_that_it_is_matched_with(street, tmp_path, capsys):
@@ -683,11 +681,10 @@ def test_a_known_map_learns_the_drive_that_it_is_matched_with(street, tmp_path, 
     )
     # of a preset, the number of places per window is auto: the map's
     settings = replace(known.settings, places_per_window=None)
-    with LiveSession(
-        sent, protocol="evpr", reference=known, learn=target, settings=settings, overwrite=True
-    ) as session:
+    files = SessionFiles(learn=target, settings=settings, overwrite=True)
+    with LiveSession(sent, protocol="evpr", reference=known, files=files) as session:
         assert len(list(session)) > 0
-    assert session.learnt == expected.reference
+    assert files.learnt == expected.reference
 
 
 def test_a_precision_marks_the_matches_below_it_as_lost(street, tmp_path):
@@ -725,7 +722,8 @@ def test_files_are_looked_at_before_the_link_is_opened(what, tmp_path):
         ("no/new.npz", "is not a folder"),
     ):
         with pytest.raises(UsageError, match=says):
-            LiveSession("/dev/null0", protocol="evpr", sensor=SENSOR, **{what: tmp_path / name})
+            files = SessionFiles(**{what: tmp_path / name})
+            LiveSession("/dev/null0", protocol="evpr", sensor=SENSOR, files=files)
 
 
 def test_a_map_of_a_larger_sensor_than_the_streams_is_a_warning(route, tmp_path):
@@ -744,7 +742,8 @@ def test_a_map_of_a_larger_sensor_than_the_streams_is_a_warning(route, tmp_path)
 def test_a_map_to_learn_has_the_suffix_of_a_map(tmp_path, capsys):
     """As the map that `edge-vpr map` makes; said before a link is opened."""
     with pytest.raises(UsageError, match=r"x.txt does not end in .npz: name the map"):
-        LiveSession("/dev/null0", protocol="evpr", sensor=SENSOR, learn=tmp_path / "x.txt")
+        files = SessionFiles(learn=tmp_path / "x.txt")
+        LiveSession("/dev/null0", protocol="evpr", sensor=SENSOR, files=files)
     words = ["--port", "/dev/null0", "--protocol", "evpr", "--sensor", "64x48", "--learn"]
     assert main(["stream", *words, "-o", str(tmp_path / "x.txt")]) == 2
     assert "x.txt does not end in .npz: name the map" in capsys.readouterr().err
@@ -753,7 +752,8 @@ def test_a_map_to_learn_has_the_suffix_of_a_map(tmp_path, capsys):
 def test_a_recording_that_cannot_be_written_is_refused_before_the_drive(tmp_path):
     for name in ("drive.xyz", "drive"):
         with pytest.raises(UsageError, match=r"drive.*: expected \.bin for bytes, or \.npz"):
-            LiveSession("/dev/null0", protocol="evpr", sensor=SENSOR, record=tmp_path / name)
+            files = SessionFiles(record=tmp_path / name)
+            LiveSession("/dev/null0", protocol="evpr", sensor=SENSOR, files=files)
 
 
 @pytest.mark.parametrize(
@@ -771,11 +771,11 @@ def test_a_file_of_a_session_replaces_no_other(files, says, route, query, tmp_pa
     monkeypatch.chdir(tmp_path)
     route.save("map.npz")
     Path("sent.bin").write_bytes(open_encoder("evpr", SENSOR).encode(query))
-    asked = {"protocol": "evpr", "reference": "map.npz", "overwrite": True}
+    asked = {"protocol": "evpr", "reference": "map.npz"}
     with pytest.raises(UsageError, match=says):
-        LiveSession("sent.bin", **asked, **files)
+        LiveSession("sent.bin", **asked, files=SessionFiles(**files, overwrite=True))
     assert ReferenceMap.load("map.npz") == route and Path("sent.bin").stat().st_size > 0
-    LiveSession("sent.bin", **asked, learn="map.npz")
+    LiveSession("sent.bin", **asked, files=SessionFiles(learn="map.npz", overwrite=True))
 
 
 def test_a_session_that_is_not_open_yet_has_a_state():
@@ -786,9 +786,10 @@ def test_a_session_that_is_not_open_yet_has_a_state():
 def test_a_program_that_fails_leaves_whole_files(route, query, tmp_path):
     address, thread = camera("evpr", query)
     events = tmp_path / "events.npz"
+    files = SessionFiles(record=events)
     with (
         pytest.raises(ZeroDivisionError),
-        LiveSession(address, protocol="evpr", reference=route, record=events) as session,
+        LiveSession(address, protocol="evpr", reference=route, files=files) as session,
     ):
         for match in session:
             if match.query == 5:
@@ -815,15 +816,12 @@ def test_a_session_is_used_once(route):
         ({"protocol": "x"}, "choose one of evpr"),
         ({"link": 3.5}, "expected a port such as"),
         ({"link": b"/dev/ttyACM0"}, "expected a port such as"),
-        ({"on_overload": "cry"}, "expected 'drop', 'wait' or None"),
         ({"heartbeat": "often"}, "expected a time such as"),
         ({"heartbeat": 0.5}, "heartbeat is a float (0.5): give a text"),
         ({"every": 3}, "every is an int (3): give a text"),
         ({"protocol": None}, "protocol is None: give its name"),
         ({"sensor": 5}, "sensor 5 is no width and height"),
         ({"reference": 5}, "reference is an int (5): give a ReferenceMap"),
-        ({"record": 5}, "path of a file to record is an int"),
-        ({"learn": 5}, "path of the map to learn is an int"),
         ({"odometry": 5}, "odometry is an int (5): give"),
         ({"precision": 0.9}, "precision: nothing is matched without reference="),
     ],
@@ -832,6 +830,20 @@ def test_wrong_arguments_are_one_sentence(given, says):
     arguments = {"link": "/dev/null0", "protocol": "evpr", "sensor": SENSOR, **given}
     with pytest.raises(UsageError, match=re.escape(says)):
         LiveSession(arguments.pop("link"), **arguments)
+
+
+@pytest.mark.parametrize(
+    ("make", "says"),
+    [
+        (lambda: ev.Line("/dev/null0", on_overload="cry"), "expected 'drop', 'wait' or None"),
+        (lambda: ev.Line("/dev/null0", max_lag="long"), "expected a time such as"),
+        (lambda: SessionFiles(record=5), "path of a file to record is an int"),
+        (lambda: SessionFiles(learn=5), "path of the map to learn is an int"),
+    ],
+)
+def test_wrong_lines_and_files_are_one_sentence(make, says):
+    with pytest.raises(UsageError, match=re.escape(says)):
+        make()
 
 
 def test_without_a_listener_problems_go_to_the_log(caplog, route):

@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from edge_vpr import LiveSession
+from edge_vpr import Line, LiveSession, SessionFiles
 from edge_vpr.archive import read_archive, write_archive
 from edge_vpr.errors import UsageError
 from edge_vpr.events import Sensor, join_events
@@ -45,7 +45,7 @@ def street(tmp_path_factory):
     return street_of(tmp_path_factory.mktemp("street"), 200.0)
 
 
-def played(events, state, path, host="evpr", device="evpr", speed=0.0, **changes):
+def played(events, state, path, host="evpr", device="evpr", speed=0.0, overwrite=False, **changes):
     """The matches of a session that gets these events, and what it says of its state.
 
     Without a speed they come at once. Then a clock that restarts may be in the piece that ends the
@@ -61,8 +61,9 @@ def played(events, state, path, host="evpr", device="evpr", speed=0.0, **changes
     camera, said = threading.Thread(target=play, daemon=True), []
     camera.start()
     with LiveSession(
-        link.address, protocol=host, reference=path, state=state, reconnect=False,
-        on_overload="wait", max_age="60s", on_message=said.append, **changes,
+        Line(link.address, reconnect=False, on_overload="wait"), protocol=host, reference=path,
+        files=SessionFiles(state=state, overwrite=overwrite), max_age="60s",
+        on_message=said.append, **changes,
     ) as session:  # fmt: skip
         found = list(session)
     camera.join(timeout=5)
@@ -252,11 +253,13 @@ def test_two_sessions_do_not_keep_their_states_in_one_file(street, tmp_path):
     path, events, _ = street
     link = open_device_link("tcp://127.0.0.1:0")
     state = tmp_path / "run.state"
-    first = LiveSession(link.address, protocol="evpr", reference=path, state=state)
+    asked = {"protocol": "evpr", "reference": path}
+    first = LiveSession(link.address, **asked, files=SessionFiles(state=state))
     first.open()
     (tmp_path / "link.state").symlink_to(state)
     for name in ("run.state", "link.state"):
-        second = LiveSession(link.address, protocol="evpr", reference=path, state=tmp_path / name)
+        files = SessionFiles(state=tmp_path / name)
+        second = LiveSession(link.address, **asked, files=files)
         with pytest.raises(UsageError, match="another session keeps its state there"):
             second.open()
     first.close()
@@ -273,7 +276,8 @@ def test_a_file_that_is_no_state_is_not_replaced(street, tmp_path):
         state.write_bytes(content)
         damaged = content.startswith(b"PK") and content is not foreign[2]
         for overwrite in (False, True):
-            words = {"protocol": "evpr", "reference": path, "state": state, "overwrite": overwrite}
+            files = SessionFiles(state=state, overwrite=overwrite)
+            words = {"protocol": "evpr", "reference": path, "files": files}
             if damaged or overwrite:
                 LiveSession("tcp://127.0.0.1:1", **words)
                 continue
@@ -297,18 +301,23 @@ def test_a_state_of_another_map_or_of_other_settings_is_not_used(street, tmp_pat
 
 
 @pytest.mark.parametrize(
-    ("changes", "says"),
+    ("files", "known", "says"),
     [
-        ({"state": "run.npz"}, "such as live.state"),
-        ({"state": "missing/run.state"}, "no folder missing"),
-        ({"learn": "new.npz"}, "leave out learn="),
-        ({"reference": None, "sensor": SENSOR}, "give reference="),
+        ({"state": "run.npz"}, True, "such as live.state"),
+        ({"state": "missing/run.state"}, True, "no folder missing"),
+        ({"state": "run.state", "learn": "new.npz"}, True, "leave out learn="),
+        ({"state": "run.state"}, False, "give reference="),
     ],
 )
-def test_a_state_that_cannot_be_kept_is_refused_before_the_line_is_opened(changes, says, street):
-    given = {"reference": street[0], "state": "run.state"} | changes
+def test_a_state_that_cannot_be_kept_is_refused_before_the_line_is_opened(
+    files, known, says, street
+):
+    reference = street[0] if known else None
     with pytest.raises(UsageError, match=says):
-        LiveSession("tcp://127.0.0.1:1", protocol="evpr", **given)
+        LiveSession(
+            "tcp://127.0.0.1:1", protocol="evpr", reference=reference, sensor=SENSOR,
+            files=SessionFiles(**files),
+        )  # fmt: skip
 
 
 def test_a_file_is_read_without_keeping_a_state_which_is_told(street, tmp_path):
@@ -316,8 +325,8 @@ def test_a_file_is_read_without_keeping_a_state_which_is_told(street, tmp_path):
     encoder, said = open_encoder("evpr", SENSOR), []
     (tmp_path / "sent.bin").write_bytes(encoder.start() + encoder.encode(between(events, 0, 3)))
     with LiveSession(
-        tmp_path / "sent.bin", protocol="evpr", reference=path, state=tmp_path / "run.state",
-        on_message=said.append,
+        tmp_path / "sent.bin", protocol="evpr", reference=path, on_message=said.append,
+        files=SessionFiles(state=tmp_path / "run.state"),
     ) as session:  # fmt: skip
         assert list(session)
     assert [each.text for each in said if each.kind == "state"] == [

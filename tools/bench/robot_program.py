@@ -10,15 +10,15 @@ import json
 import sys
 import time
 
-from edge_vpr import LiveSession, MatchSchedule
+from edge_vpr import Line, LiveSession, MatchSchedule
 
 
 def run(port: str, map_path: str, every_us: int) -> None:
     """Match what comes on the line until it is closed."""
     had: list[dict[str, float]] = []
     with LiveSession(
-        port, protocol="evpr", reference=map_path, every=MatchSchedule(interval_us=every_us),
-        reconnect=False, heartbeat="50ms",
+        Line(port, reconnect=False), protocol="evpr", reference=map_path,
+        every=MatchSchedule(interval_us=every_us), heartbeat="50ms",
     ) as session:  # fmt: skip
         for match in session:
             if match.place >= 0:

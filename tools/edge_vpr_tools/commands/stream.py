@@ -216,7 +216,9 @@ def _learnt_with(args: argparse.Namespace, reference: ReferenceMap | None) -> Se
 
 def run(args: argparse.Namespace) -> None:
     """Follow the stream to its end, or until Ctrl-C or SIGTERM."""
+    from edge_vpr.live.links import Line
     from edge_vpr.live.session import LiveSession
+    from edge_vpr.live.session_files import SessionFiles
     from edge_vpr.reference_map import ReferenceMap
 
     check_arguments(args)
@@ -224,21 +226,25 @@ def run(args: argparse.Namespace) -> None:
     learnt_with = _learnt_with(args, reference)
     if reference is not None:
         reference = with_match_flags(args, reference, online=True)
+    line = Line(
+        args.port, baud=args.baud, flow_control=args.flow_control, reconnect=not args.once,
+        on_overload=args.on_overload, max_lag=args.max_lag,
+    )  # fmt: skip
+    files = SessionFiles(
+        record=args.record, learn=args.output, settings=learnt_with, state=args.state,
+        overwrite=args.overwrite,
+    )  # fmt: skip
     session = LiveSession(
-        args.port, protocol=args.protocol, reference=reference, every=args.every,
-        sensor=args.sensor, baud=args.baud, flow_control=args.flow_control,
-        reconnect=not args.once, odometry=args.odometry,
-        record=args.record, learn=args.output, settings=learnt_with,
-        overwrite=args.overwrite, on_overload=args.on_overload, max_lag=args.max_lag,
-        max_age=args.max_age, state=args.state,
+        line, protocol=args.protocol, reference=reference, every=args.every, sensor=args.sensor,
+        odometry=args.odometry, max_age=args.max_age, files=files,
     )  # fmt: skip
     _show(args, session)
-    if session.learnt is not None:
-        warn_of_bursts(session.removed, args.port, "keep them with --bursts keep")
-        update = session.update
+    if files.learnt is not None:
+        warn_of_bursts(files.removed, args.port, "keep them with --bursts keep")
+        update = files.update
         for concern in () if update is None else update.warnings:
             warning(concern)
-        learnt = session.learnt
+        learnt = files.learnt
         pixels = len(learnt.pixel_map)
         text = f"{printable(args.output)}: {learnt.places_text} at {pixels} pixels"
         summary(text if update is None else f"{text}; {update}")
@@ -307,7 +313,7 @@ def _show_steps(session: LiveSession, view: View) -> None:
         if session.reference is not None:
             removed = Removed(session.health.events, session.bursts_removed)
             warn_of_bursts(removed, session.address, "make the map with --bursts keep")
-    if text := session.unwritten or view.unwritten:
+    if text := session.files.unwritten or view.unwritten:
         raise RecordingError(text)
     if text := nothing_valid(session.health):
         raise RecordingError(f"{session.address}: {text}")

@@ -1,0 +1,209 @@
+"""Files of a live session: recordings, a map of its drive, and the state of matching."""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+from edge_vpr.descriptors.counting import Removed
+from edge_vpr.errors import UsageError, as_path
+from edge_vpr.events import Events, Sensor
+from edge_vpr.files import check_output, work_folder
+from edge_vpr.learning import MapUpdate
+from edge_vpr.live.new_map import make_map
+from edge_vpr.live.reader import Chunk
+from edge_vpr.live.recorder import Recorder, check_recorded
+from edge_vpr.live.state import StateFile, check_state_file
+from edge_vpr.live.stream_matcher import StreamMatcher
+from edge_vpr.online.schedule import MatchSchedule
+from edge_vpr.reference_map import ReferenceMap
+from edge_vpr.results import check_new_file, check_new_map
+from edge_vpr.settings import Preset, Settings, resolve_settings
+
+
+class SessionFiles:
+    """Files that a live session writes, each of them if it is named.
+
+    Parameters
+    ----------
+    record : path or sequence of paths
+        Files of the bytes (``.bin``) or of the events (``.npz``, ``.raw``, ...).
+    learn : path, optional
+        When the session is closed, write its map, updated with this drive, to this file (see
+        `ReferenceMap.update`). If it has none, or if `settings` has other windows, pixels or codes,
+        it is a new map of this drive. All the while, the drive is matched with the map as it was.
+    settings : Settings or str, optional
+        Of the map to write, or the name of a preset; by default those of the session's map.
+    state : path, optional
+        A file with the suffix ``.state``, in which the session keeps what it knows of the drive,
+        every two seconds and at its end; a session with the same map and settings goes on from
+        there. A state that is older than a silence of the camera's clock may be (60 s; 600 s where
+        a checksum protects times), or is damaged, is not used, and a message says so. After another
+        start of the machine its age is not known, and the robot may be as far from there as this
+        time allows. Not with `learn`; files and pipes have none. Each session needs a file of its
+        own.
+    overwrite : bool
+        Whether files that exist may be replaced.
+
+    Attributes
+    ----------
+    learnt : ReferenceMap or None
+        The map that was written, after `LiveSession.close`.
+    update : MapUpdate or None
+        What the session's map has learnt, if it has.
+    removed : Removed
+        Counts of events that were removed as bursts for that map.
+    """
+
+    def __init__(
+        self,
+        *,
+        record: str | Path | Sequence[str | Path] = (),
+        learn: str | Path | None = None,
+        settings: Settings | Preset | None = None,
+        state: str | Path | None = None,
+        overwrite: bool = False,
+    ) -> None:
+        paths = list(record) if isinstance(record, list | tuple) else [record]
+        self._record = [as_path(path, "a file to record") for path in paths]
+        self._learn = None if learn is None else as_path(learn, "the map to learn")
+        self._state = None if state is None else as_path(state, "the state")
+        self._settings = resolve_settings(settings) if isinstance(settings, str) else settings
+        self._overwrite = overwrite
+        self._state_file: StateFile | None = None
+        self._recorder: Recorder | None = None
+        self._drive: Path | None = None  # the recording of which the map is made
+        self._readings: dict[int, int] = {}
+        self._heard_s = 0.0
+        #: Removes what was needed only while the session was open.
+        self.work = contextlib.ExitStack()
+        self.learnt: ReferenceMap | None = None
+        self.update: MapUpdate | None = None
+        self.removed = Removed()
+
+    @property
+    def keeps_state(self) -> bool:
+        """Whether the session's state is kept."""
+        return self._state is not None
+
+    @property
+    def unwritten(self) -> str:
+        """Which recording was given up and why, if one was; else empty."""
+        return "" if self._recorder is None else self._recorder.unwritten
+
+    @property
+    def error(self) -> Exception | None:
+        """Why the drive to learn from cannot be recorded, or nothing, if there were no events."""
+        return None if self._recorder is None else self._recorder.error
+
+    # What follows is called by the session, in this order.
+
+    def check(self, reference: ReferenceMap | None, inputs: Sequence[Path | None]) -> None:
+        """Check, before the link is opened, that the files can be written and replace no other.
+
+        Parameters
+        ----------
+        reference : ReferenceMap or None
+            Map of the session.
+        inputs : sequence of (Path or None)
+            What the session reads: the link's file, and the map's.
+        """
+        source, map_file = inputs
+        for path in self._record:
+            check_recorded(path, "record")
+            check_output(path, [map_file])
+        if self._state is not None:
+            if reference is None or self._learn is not None:
+                raise UsageError(
+                    f"state {self._state}: it is of matching with a map: give reference=, and "
+                    "leave out learn="
+                )
+            check_state_file(self._state, self._overwrite)
+        seen: set[Path] = set()
+        for path in filter(None, (*self._record, self._learn)):
+            if path.resolve() in seen:
+                raise UsageError(f"{path} is named twice: give each file another name")
+            seen.add(path.resolve())
+            check = check_new_map if path is self._learn else check_new_file
+            check(path, [source], self._overwrite)
+        if self._settings is None and reference is not None:
+            self._settings = reference.settings
+
+    def lock(
+        self, reference: ReferenceMap | None, every: MatchSchedule | None, say: Callable[..., None]
+    ) -> None:
+        """Read the state, which no other session can have until `release`."""
+        if self._state is not None and reference is not None:
+            self._state_file = StateFile(self._state, reference, every, say)
+
+    def open(self, sensor: Sensor, stop: Callable[[], None], say: Callable[..., None]) -> None:
+        """Open the recordings: last, so that a missing camera does not overwrite the run before.
+
+        Parameters
+        ----------
+        stop : callable
+            Called when the drive to learn from cannot be recorded.
+        """
+        with contextlib.ExitStack() as work:
+            if self._learn is not None:
+                self._drive = work.enter_context(work_folder(self._learn)) / "drive.npz"
+            if self._record or self._drive:
+                self._recorder = Recorder(
+                    self._record, self._drive, sensor, stop, say, overwrite=self._overwrite
+                )
+            self.work = work.pop_all()
+
+    def take_bytes(self, chunk: Chunk, matcher: StreamMatcher, *, live: bool) -> None:
+        """Record bytes before they are decoded; go on from the state when the first come.
+
+        Parameters
+        ----------
+        live : bool
+            Whether the link is.
+        """
+        self._heard_s = chunk.at_s
+        if self._recorder is not None:
+            self._recorder.write_bytes(chunk.data)
+        if self._state_file is not None:
+            self._state_file.resume(matcher, chunk.at_s, live_line=live)
+
+    def take_events(self, events: Events) -> None:
+        """Record events."""
+        if self._recorder is not None:
+            self._recorder.write_events(events)
+
+    def take_reading(self, time_us: int, distance_mm: int) -> None:
+        """Take a reading of the robot's odometer."""
+        if self._learn is not None:
+            self._readings[time_us] = distance_mm
+
+    def keep(self, matcher: StreamMatcher) -> None:
+        """Keep the state now and then."""
+        if self._state_file is not None:
+            self._state_file.keep(matcher, self._heard_s)
+
+    def end(self, matcher: StreamMatcher) -> None:
+        """Keep the last state."""
+        if self._state_file is not None:
+            self._state_file.close(matcher, self._heard_s)
+
+    def close(self) -> None:
+        """Complete the recordings."""
+        if self._recorder is not None:
+            self._recorder.close()
+
+    def release(self) -> None:
+        """Let another session have the state."""
+        if self._state_file is not None:
+            self._state_file.release()
+
+    def make_map(self, reference: ReferenceMap | None, say: Callable[..., None]) -> None:
+        """Make the map of the drive, unless nothing came; if it makes none, the drive is kept."""
+        if self._drive is None or self._learn is None or not self._drive.exists():
+            return
+        self.learnt, self.update, self.removed = make_map(
+            self._drive, self._learn, reference, self._settings or resolve_settings(),
+            self._readings, say,
+            overwrite=self._overwrite,
+        )  # fmt: skip
