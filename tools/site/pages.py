@@ -143,7 +143,7 @@ def on_config(config: MkDocsConfig) -> MkDocsConfig:
     """Put the pages of the Python reference behind its first page."""
     pages = [{stage.title: f"api/{name}.md"} for name, stage in STAGES.items()]
     for part in config.nav or ():
-        for page in part.get("Reference", ()) if isinstance(part, dict) else ():
+        for page in part.get("Project", ()) if isinstance(part, dict) else ():
             if isinstance(page, dict) and "Python" in page:
                 page["Python"] += pages
     return config
