@@ -42,6 +42,9 @@ LEAST_ALIGNED, FEW_ALIGNED = 0.5, 0.75
 #: a drive is refused too unless this share of its smoothed matches has this probability: a short
 #: drive of another route agrees with the map by chance
 LEAST_CERTAIN, CERTAIN = 0.1, 0.9
+#: A drive that shows less of the route is refused: its light would be that of the learnt places
+#: alone, and draw matches of the others to them. A place is shown if one in its exclusion zone is.
+LEAST_SHOWN = 0.9
 #: places that are looked at for confusion, spread over the route
 SAMPLE = 2_000
 #: share of places that may newly be confused with others before there is a warning
@@ -145,19 +148,16 @@ def learn_drive(
     odometry : Odometry, optional
         Of the drive, for its alignment by matching.
     same_route : bool
-        The drive is known to be of the route: what can be aligned is learnt, whatever the rest.
+        The drive is known to be of the route: it may leave it for most of its windows.
 
     Raises
     ------
     UsageError
-        If the drive may not be of the route, or the map takes no odometry.
+        If the drive may not be of the route or shows too little of it, or the map takes no
+        odometry.
     """
-    place = _aligned_by_track(reference, counted, track) if track is not None else None
-    certain = 1.0
-    if place is None:
-        place, matched = _aligned_by_matching(reference, counted, odometry)
-        certain = float(matched.mean())
-    aligned = place >= 0
+    place, matched = align(reference, counted, track, odometry)
+    aligned, certain = place >= 0, float(matched.mean())
     of_route = same_route or (aligned.mean() >= LEAST_ALIGNED and certain >= LEAST_CERTAIN)
     if not (of_route and aligned.any()):
         raise UsageError(
@@ -165,6 +165,14 @@ def learn_drive(
             f"{certain:.0%} of them matched with a probability of {CERTAIN}: name a drive of the "
             "same route, give the tracks of both drives, or say that it is of the route "
             "(same_route=True)"
+        )
+    learnt = np.bincount(place[aligned], minlength=len(reference)) > 0
+    shown = float((_mean_near(learnt, reference.settings.exclusion_places) > 0).mean())
+    if shown < LEAST_SHOWN:
+        raise UsageError(
+            f"the drive shows {shown:.0%} of the route, and the rest would be found less often in "
+            f"its light: name a drive of at least {LEAST_SHOWN:.0%} of it, or give the tracks of "
+            "both drives if it is one"
         )
     code, initial = reference.own_mean_code, reference.mean
     if code is None or initial is None:
@@ -174,8 +182,7 @@ def learn_drive(
         windows = replace(windows, counted=reference.counted_events(windows))
         own = drive_mean(windows, code, reference.mean_activity)
         fine = code.fine(counted.counts, own)
-    seen, shown = _mean_by_place(fine, place, len(reference))
-    learnt = shown > 0
+    seen = _mean_by_place(fine, place, len(reference))
     before = _learnt_before(reference)
     weight = np.minimum(before.drives, MOST_DRIVES).astype(np.int64)
     total = before.mean.astype(np.int64) * weight[:, None] + seen
@@ -190,7 +197,7 @@ def learn_drive(
     events = reference.counted_events(counted)
     of_map, of_drive = activity_of_drive(places.counted_events), activity_of_drive(events)
     scaled = events * of_map // max(of_drive, 1)
-    events, _ = _mean_by_place(scaled, place, len(places))
+    events = _mean_by_place(scaled, place, len(places))
     activity = _rounded(places.counted_events * weight + events, weight + 1)
     codes = (mean + (1 << (FRACTION_BITS - 1))) >> FRACTION_BITS
     updated = replace(
@@ -222,16 +229,29 @@ def learn_drive(
     )
 
 
-class _Alignment(NamedTuple):
-    """Place of each window, -1 where it was not aligned, and whether its match alone is certain."""
+class Alignment(NamedTuple):
+    """Place of each window, -1 where it was not aligned, and whether it is certain by itself."""
 
     place: npt.NDArray[np.int64]
     certain: npt.NDArray[np.bool_]
 
 
+def align(
+    reference: ReferenceMap,
+    counted: Descriptors,
+    track: Track | None = None,
+    odometry: Odometry | None = None,
+) -> Alignment:
+    """Align the windows of a drive with the places that they show; see `learn_drive`."""
+    place = _aligned_by_track(reference, counted, track) if track is not None else None
+    if place is None:
+        return _aligned_by_matching(reference, counted, odometry)
+    return Alignment(place, np.ones(place.size, dtype=np.bool_))
+
+
 def _aligned_by_matching(
     reference: ReferenceMap, counted: Descriptors, odometry: Odometry | None
-) -> _Alignment:
+) -> Alignment:
     """Align the windows of a drive with the places that they show, in any light.
 
     Windows that overlap are aligned as several drives, each of windows that do not.
@@ -243,7 +263,7 @@ def _aligned_by_matching(
     matching = reference.matched_with(reference.settings.replaced(asked, "alignment"))
     number = reference.settings.window_parts
     n = len(counted)
-    found = _Alignment(np.full(n, -1, dtype=np.int64), np.zeros(n, dtype=np.bool_))
+    found = Alignment(np.full(n, -1, dtype=np.int64), np.zeros(n, dtype=np.bool_))
     for first in range(min(number, n)):
         windows = matching.coded(counted.take(slice(first, None, number)))
         for whole, part in zip(found, _aligned_both_ways(matching, windows, odometry), strict=True):
@@ -253,7 +273,7 @@ def _aligned_by_matching(
 
 def _aligned_both_ways(
     matching: ReferenceMap, windows: Descriptors, odometry: Odometry | None
-) -> _Alignment:
+) -> Alignment:
     """Align windows where the best path over the places and that over the windows agree.
 
     A probability says little in light that the map does not know. But a window whose smoothed match
@@ -295,7 +315,7 @@ def _aligned_both_ways(
         ]
         if max(ranks) <= GAP_RANK:
             aligned[first : last + 1] = bound
-    return _Alignment(aligned, matches.probability >= CERTAIN)
+    return Alignment(aligned, matches.probability >= CERTAIN)
 
 
 def _better_places(
@@ -352,13 +372,13 @@ def _aligned_by_track(
 
 def _mean_by_place(
     values: npt.NDArray[np.int64], place: npt.NDArray[np.int64], places: int
-) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64]]:
-    """Return the rounded mean of the rows of each place, 0 without one, and how many it has."""
+) -> npt.NDArray[np.int64]:
+    """Return the rounded mean of the rows of each place, 0 without one."""
     total = np.zeros((places, *values.shape[1:]), dtype=np.int64)
     np.add.at(total, place[place >= 0], values[place >= 0])
     windows = np.bincount(place[place >= 0], minlength=places)
     at_least_one = np.maximum(windows, 1).reshape(-1, *(1,) * (values.ndim - 1))
-    return _rounded(total, at_least_one), windows
+    return _rounded(total, at_least_one)
 
 
 def _rounded(

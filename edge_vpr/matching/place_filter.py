@@ -348,12 +348,11 @@ def add(
     out: Narrow,
 ) -> None:
     """Write the metrics: the prediction and the evidence of the hypothesis' sum, at most 127."""
-    for k in range(len(out)):
-        for h in range(hypotheses):
-            against = np.int16(prediction[k, h] + of_sums[sums[h], k])
-            out[k, h] = min(against, np.int16(METRIC_TOP))
-        for h in range(hypotheses, LANES):
-            out[k, h] = METRIC_TOP
+    for h in range(LANES):
+        against = of_sums[sums[h]]
+        for k in range(len(out)):
+            metric = np.int16(prediction[k, h] + against[k]) if h < hypotheses else METRIC_TOP
+            out[k, h] = min(metric, np.int16(METRIC_TOP))
 
 
 # 4. Best: the place and gain of the least metric, and the middle of the places near it.
@@ -381,10 +380,10 @@ def best(metric: Narrow, table: FilterTable, least: Metrics, row: Any) -> Best:
         Output.
     """
     for k in range(len(metric)):
-        of_place = metric[k, 0]
-        for h in range(1, table.gains.size):
-            of_place = min(of_place, metric[k, h])
-        least[k] = of_place
+        least[k] = metric[k, 0]
+    for h in range(1, table.gains.size):
+        for k in range(len(metric)):
+            least[k] = min(least[k], np.int32(metric[k, h]))
     place, second, ties = least_and_second(least, table.exclusion)
     first, last, most = place, place, least[place] + NEAR
     while first > max(place - table.reach, 0) and least[first - 1] <= most:

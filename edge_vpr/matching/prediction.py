@@ -93,19 +93,21 @@ class TransitionCosts:
 
     @property
     def by_step(self) -> Narrow:
-        """Costs of a step of 0, 1, 2 ... places, with fraction bits: one row per step.
+        """Costs of a step of 0, 1, 2 ... places, with fraction bits, shape (steps, columns, LANES).
 
-        The columns are the rows of `BANK_COSTS`, the highest first and both ends repeated, so that
-        those of the hypotheses of a place are neighbours, see `first_column`; or all alike.
+        A column has the rows of `BANK_COSTS` of the hypotheses of a place, see `first_column`: the
+        highest first, and both ends repeated; or all alike.
         """
         columns = np.arange(_ROW_HIGH - _ROW_LOW + LANES)
-        if not self.by_activity:
+        if self.by_activity:
+            highest = _ROW_HIGH + _GAIN_ROWS * (self.gains > 1)
+            rows = np.clip(highest - columns, _LOWEST_ROW, _HIGHEST_ROW) + SAME_ROW
+            costs = np.array(BANK_COSTS[self.places_per_window], dtype=np.int16)[rows].T
+        else:
             fixed = np.array(COUNT_COSTS[self.places_per_window], dtype=np.int16) << FRACTION_BITS
-            return np.repeat(fixed[:, None], columns.size, axis=1)
-        highest = _ROW_HIGH + _GAIN_ROWS * (self.gains > 1)
-        rows = np.clip(highest - columns, _LOWEST_ROW, _HIGHEST_ROW) + SAME_ROW
-        costs = np.array(BANK_COSTS[self.places_per_window], dtype=np.int16)
-        return np.ascontiguousarray(costs[rows].T)
+            costs = np.repeat(fixed[:, None], columns.size, axis=1)
+        of_lanes = np.lib.stride_tricks.sliding_window_view(costs, LANES, axis=1)
+        return np.ascontiguousarray(of_lanes)
 
 
 # Prediction by steps.
@@ -116,7 +118,7 @@ class FilterTable(NamedTuple):
 
     Attributes
     ----------
-    costs : ndarray of int16, shape (steps, columns)
+    costs : ndarray of int16, shape (steps, columns, LANES)
         See `TransitionCosts.by_step`.
     gains : ndarray of int64, shape (hypotheses,)
         Gain of each hypothesis, in 1/16 octave.
@@ -168,31 +170,48 @@ def bias_of(typical: npt.NDArray[np.int64]) -> npt.NDArray[np.int64]:
     return np.minimum(part.max() - part, BIAS_TOP)
 
 
+@kernel(inline="always")
+def lower(metric: Narrow, other: Narrow, cost: int) -> None:
+    """Lower each metric to another one plus a cost."""
+    for j in range(metric.size):
+        metric[j] = min(metric[j], np.int16(other[j] + cost))
+
+
 @kernel(inner=True)
 def change_gains(metric: Narrow, hypotheses: int) -> None:
     """Lower each metric to that of another gain of the same place plus the cost of the change."""
-    for k in range(len(metric)):
-        for h in range(1, hypotheses):
-            metric[k, h] = min(metric[k, h], np.int16(metric[k, h - 1] + GAIN_STEP))
-        for h in range(hypotheses - 2, -1, -1):
-            metric[k, h] = min(metric[k, h], np.int16(metric[k, h + 1] + GAIN_STEP))
+    of_gain = metric.T.copy()  # long loops are compiled to vectors
+    for h in range(1, hypotheses):
+        lower(of_gain[h], of_gain[h - 1], GAIN_STEP)
+    for h in range(hypotheses - 1, 0, -1):
+        lower(of_gain[h - 1], of_gain[h], GAIN_STEP)
+    for h in range(hypotheses):
+        for k in range(len(metric)):
+            metric[k, h] = of_gain[h, k]
+
+
+@kernel(inner=True)
+def least_of_lanes(metric: Narrow) -> Narrow:
+    """Return the least metric of each lane over all places, shape (LANES,)."""
+    least = metric.copy().reshape(metric.size)
+    while least.size > LANES:  # one half against the other
+        rest = (least.size // LANES + 1) // 2 * LANES
+        lower(least[: least.size - rest], least[rest:], 0)
+        least = least[:rest]
+    return least
 
 
 @kernel(inner=True)
 def subtract_least(metric: Narrow, hypotheses: int) -> None:
     """Subtract the least metric of all places and hypotheses."""
-    least = metric[0, 0]
-    for k in range(len(metric)):
-        for h in range(hypotheses):
-            least = min(least, metric[k, h])
-    for k in range(len(metric)):
-        for h in range(LANES):
-            metric[k, h] -= least
+    least, flat = least_of_lanes(metric)[:hypotheses].min(), metric.reshape(metric.size)
+    for j in range(flat.size):
+        flat[j] -= least
 
 
 @kernel(inline="always")
 def first_column(activity: int, of_place: int) -> int:
-    """Return the column of `FilterTable.costs` of a place's first hypothesis."""
+    """Return the column of `FilterTable.costs` of a place."""
     row = (activity - of_place + (1 << (COST_ROW_SHIFT - 1))) >> COST_ROW_SHIFT
     return _ROW_HIGH - min(max(row, _ROW_LOW), _ROW_HIGH)
 
@@ -215,23 +234,28 @@ def move_on(metric: Narrow, table: FilterTable, activity: int, back: bool, out: 
         ``min(min_i (M[k - i] + cost[i]), min_k M + restart_cost)``, with the costs of the place
         that is reached.
     """
-    places = len(metric)
-    restarted = metric[0].copy()
-    for k in range(places):
-        for h in range(LANES):
-            restarted[h] = min(restarted[h], metric[k, h])
+    places, size = len(metric), metric.size
+    restarted, column = least_of_lanes(metric), np.empty(places, dtype=np.int64)
     for h in range(LANES):
-        restarted[h] = np.int16(restarted[h] + table.restart_cost)
+        restarted[h] += np.int16(table.restart_cost)
+    cost = np.empty((places, LANES), dtype=np.int16)
+    # the lanes of a place are copied as two words, and sums are in long loops, which are vectors
+    of_place, of_column = cost.view(np.int64), table.costs.view(np.int64)
+    from_any, words = restarted.view(np.int64), out.view(np.int64)
     for k in range(places):
-        for h in range(LANES):
-            out[k, h] = restarted[h]
-    for reached in range(places):
-        first = first_column(activity, table.activity[reached])
-        for i in range(min(len(table.costs), reached + 1)):
-            to, other = (reached - i, reached) if back else (reached, reached - i)
-            for h in range(LANES):
-                cost = np.int16(metric[other, h] + table.costs[i, first + h])
-                out[to, h] = min(out[to, h], cost)
+        column[k] = first_column(activity, table.activity[k])
+        words[k, 0] = from_any[0]
+        words[k, 1] = from_any[1]
+    flat, reached, costs = metric.reshape(size), out.reshape(size), cost.reshape(size)
+    for i in range(min(len(of_column), places)):
+        for k in range(places):
+            of_place[k, 0] = of_column[i, column[k], 0]
+            of_place[k, 1] = of_column[i, column[k], 1]
+        later, earlier = slice(i * LANES, size), slice(0, size - i * LANES)
+        other, to = (flat[later], reached[earlier]) if back else (flat[earlier], reached[later])
+        of_step = costs[later]
+        for j in range(of_step.size):
+            to[j] = min(to[j], np.int16(other[j] + of_step[j]))
 
 
 @kernel(inline="always")

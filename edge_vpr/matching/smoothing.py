@@ -58,20 +58,19 @@ def smooth_windows(
     hypotheses = table.gains.size
     for i in range(len(rows.matches) - 1, -1, -1):
         row, sums, metric = rows.matches[i], rows.sums[i], rows.metrics[i]
-        for k in range(len(metric)):
-            for h in range(LANES):
-                metric[k, h] = np.int16(metric[k, h] + cost_to_go[k, h])
+        whole, to_go = metric.reshape(metric.size), cost_to_go.reshape(metric.size)
+        for j in range(whole.size):
+            whole[j] += to_go[j]
         place, gain, margin = best(metric, table, rows.least[i], row)
         against, factor = rows.evidence[i, sums[gain]], rows.factor[i, sums[gain]]
         rows.best[i, 0], rows.best[i, 1], rows.factor[i, 0] = place, gain, factor
         residual[i], row["trust"] = against[place], margin << TRUST_FRACTION_BITS
         row["misfit"] = window_misfit(against, place, table.typical, factor, rows.share[i])
-        for k in range(len(metric)):
-            for h in range(hypotheses):
-                behind = cost_to_go[k, h] + np.int16(rows.evidence[i, sums[h], k])
-                next_cost_to_go[k, h] = np.int16(behind)
-            for h in range(hypotheses, LANES):
-                next_cost_to_go[k, h] = UNUSED
+        for h in range(LANES):
+            of_sum = rows.evidence[i, sums[h]]
+            for k in range(len(metric)):
+                behind = np.int16(cost_to_go[k, h] + of_sum[k])
+                next_cost_to_go[k, h] = behind if h < hypotheses else UNUSED
         move_on(next_cost_to_go, table, rows.activity[i], np.bool_(True), cost_to_go)
         subtract_least(cost_to_go, hypotheses)
         change_gains(cost_to_go, hypotheses)

@@ -17,7 +17,7 @@ from edge_vpr import ReferenceMap, UsageError
 from edge_vpr.descriptors.counting import count_places
 from edge_vpr.descriptors.windows import Descriptors, activity_of_drive, find_pauses
 from edge_vpr.evaluation.tracks import Track
-from edge_vpr.learning import MOST_DRIVES, learn_drive
+from edge_vpr.learning import MOST_DRIVES, align, learn_drive
 from edge_vpr.simulation import SimulatedRecording, simulate_pair
 
 Places = npt.NDArray[np.int64]
@@ -176,8 +176,7 @@ def test_windows_away_from_the_route_are_not_learnt() -> None:
     counts = np.concatenate([part.counts for part in parts])
     events = np.concatenate([part.events for part in parts])
     start = np.arange(len(counts), dtype=np.int64) * 1_000_000
-    update = learn_drive(route, Descriptors(counts, start, start + 1_000_000, events))
-    aligned = update.aligned
+    aligned = align(route, Descriptors(counts, start, start + 1_000_000, events)).place >= 0
     assert aligned[:half].mean() > 0.7 and aligned[half + away :].mean() > 0.7
     assert aligned[half : half + away].mean() <= 0.5
 
@@ -196,15 +195,39 @@ def test_places_that_look_different_are_named(drives: Drives) -> None:
     assert f"{rebuilt}" in str(update)
 
 
-def test_few_aligned_windows_are_a_warning(drives: Drives) -> None:
+def test_a_drive_that_leaves_the_route_is_learnt_with_a_warning(drives: Drives) -> None:
     reference, query = drives
     route = ReferenceMap.build(reference, pixels=50, track=reference.track)
     counted = count_places(query, route.pixel_map, route.settings)
-    last = int(query.track.time_us[-1])
-    part = query.track.time_us < 0.6 * last
-    track = Track(query.track.time_us[part], query.track.position[part])
-    update = learn_drive(route, counted, track=track)
+    far = Track(query.track.time_us, query.track.position + 10_000)
+    n, last = len(counted), int(query.track.time_us[-1])
+    later = replace(counted, start_us=counted.start_us + last, end_us=counted.end_us + last)
+    names = ("counts", "start_us", "end_us", "events")
+    both = (np.concatenate([getattr(one, name) for one in (counted, later)]) for name in names)
+    track = Track(
+        np.concatenate([query.track.time_us[:-1], far.time_us + last]),
+        np.concatenate([query.track.position[:-1], far.position]),
+    )
+    update = learn_drive(route, Descriptors(*both), track=track)
+    assert not update.aligned[n:].any()
     assert any("could be aligned" in sentence for sentence in update.warnings)
+
+
+@pytest.mark.parametrize(("share", "refused"), [(0.95, False), (0.85, True)])
+def test_a_drive_that_shows_less_than_nine_tenths_of_the_route_is_refused(
+    drives: Drives, share: float, refused: bool
+) -> None:
+    reference, query = drives
+    route = ReferenceMap.build(reference, pixels=50, track=reference.track)
+    counted = count_places(query, route.pixel_map, route.settings)
+    place = _nearest(route, reference.track, query.track, counted.centre_us)
+    part = counted.take(np.flatnonzero(place < share * len(route) - 6))  # of the exclusion zone
+    if not refused:
+        assert len(part) < len(counted)
+        assert learn_drive(route, part, track=query.track).aligned.all()
+        return
+    with pytest.raises(UsageError, match=r"shows 8\d% of the route, and the rest would be found"):
+        learn_drive(route, part, track=query.track)
 
 
 def _run(command: str) -> int:

@@ -80,8 +80,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--same-route",
         action="store_true",
-        help="the further drives are known to be of the route: learn what can be aligned, however "
-        "little it is",
+        help="the further drives are known to be of the route: learn what can be aligned, even if "
+        "they leave the route for most of their windows",
     )
     add_json_flag(
         add_output_flags(parser, "MAP.npz", "file to write"), "info --json and NAME.run.json"

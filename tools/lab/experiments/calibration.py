@@ -41,6 +41,7 @@ from edge_vpr.evaluation.calibration import learn_confidence, reliability
 from edge_vpr.evaluation.ground_truth import GroundTruth
 from edge_vpr.evaluation.metrics import evaluate_rejection
 from edge_vpr.files import replacing
+from edge_vpr.matching.matches import Matches
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.settings import PRESETS
 from edge_vpr.simulation import QUERY, REFERENCE, Light, SimulatedRecording, simulate_pair
@@ -398,7 +399,8 @@ STAYS_ON_MAP = " (stays on map)"
 #: columns that the table has no effect on
 _OF_MATCHES = (
     "windows", "correct", "correct of those on the map", "found at 99 % precision",
-    "AUROC off the map", "starts",
+    "AUROC off the map", "starts", "starts with a match correct",
+    "median time to the first correct (s)",
 )  # fmt: skip
 #: columns that name a row of the tables of this experiment and of `trust`
 NAMES = ("map", "matching", LEARNT_ON)
@@ -436,8 +438,13 @@ def evaluate_tables(
             yield {**row, **figures_of_table(table, samples), **stays}
             if version == WHOLE and name in switched_on:
                 row["map"] = SWITCHED_ON
-                stays = _if_on_map(first_confident(on_map, changed)) if name == LIVE else {}
-                yield {**row, **first_confident(table, changed), **stays}
+                first = partial(first_matches, changed)
+                stays = _if_on_map(first(partial(_accepted, on_map))) if name == LIVE else {}
+                yield {**row, **first(partial(_accepted, table)), **stays}
+
+
+def _accepted(table: Confidence, matches: Matches) -> npt.NDArray[np.bool_]:
+    return np.asarray(matches.net_trust >= table.least_trust(PRECISION))
 
 
 def _if_on_map(measured: Row) -> Row:
@@ -496,36 +503,64 @@ def windows_past_the_edge(samples: Sequence[Sample], least: int) -> list[int]:
     return lasted
 
 
-def first_confident(
-    table: Confidence, pairs: Sequence[MappedPair]
+def first_matches(
+    pairs: Sequence[MappedPair], accepted: Callable[[Matches], npt.NDArray[np.bool_]]
 ) -> dict[str, float | int | None]:
-    """Start at many windows, and measure the time to the first match of each probability."""
-    waits: dict[float, list[tuple[float, bool]]] = {0.95: [], 0.99: []}
-    starts = 0
+    """Switch on at many windows, and measure the time to the first correct and accepted matches.
+
+    The time to the first correct match is the measure of Flash [1]_. Both times end with the window
+    of the match, and their medians are over all starts: None, if fewer than half of them have such
+    a match within `GIVEN` windows and before the end of the drive.
+
+    Parameters
+    ----------
+    accepted : callable
+        Which matches are accepted.
+
+    References
+    ----------
+    .. [1] V. Ramanathan, M. Milford, T. Fischer, "Prepare for Warp Speed: Sub-millisecond Visual
+       Place Recognition Using Event Cameras", arXiv:2509.24094.
+    """
+    correct_s: list[float] = []
+    accepted_s: list[float] = []
+    accepted_rightly: list[bool] = []
     for pair in pairs:
         windows = len(pair.counted)
         for start in range(0, windows - _LEFT, START_EVERY):
             if not pair.truth.known[start]:
                 continue
-            starts += 1
-            stop = min(start + GIVEN, windows)
-            rest = replace(pair, counted=pair.counted.take(np.arange(start, stop)))
+            part = slice(start, min(start + GIVEN, windows))
+            rest = replace(pair, counted=pair.counted.take(part))
             matches = rest.match()
-            probability = table.probability_of(matches.net_trust)
-            for least, reached in waits.items():
-                confident = np.flatnonzero(probability >= least)
-                if confident.size:
-                    j = int(confident[0])
-                    lasted = rest.counted.end_us[j] - rest.counted.start_us[0]
-                    correct = bool(pair.truth.correct[matches.place[j], start + j])
-                    reached.append((float(lasted) / 1e6, correct))
-    row: dict[str, float | int | None] = {"starts": starts}
-    for least, reached in waits.items():
-        times, rights = zip(*reached, strict=True) if reached else ((), ())
-        row[f"p >= {least} reached"] = len(reached) / starts if starts else None
-        row[f"median time to {least} (s)"] = float(np.median(times)) if reached else None
-        row[f"correct at {least}"] = float(np.mean(rights)) if reached else None
-    return row
+            seconds = (rest.counted.end_us - rest.counted.start_us[0]) / 1e6
+            correct = pair.truth.correct[matches.place, start + matches.query]
+            shown = accepted(matches)
+            for times, reached in ((correct_s, correct), (accepted_s, shown)):
+                times.append(float(seconds[np.argmax(reached)]) if reached.any() else np.inf)
+            if shown.any():
+                accepted_rightly.append(bool(correct[np.argmax(shown)]))
+    return {
+        "starts": len(correct_s),
+        **_time_to("correct", correct_s),
+        **_time_to("accepted", accepted_s),
+        "correct of the first accepted": mean_of(accepted_rightly),
+    }
+
+
+def _time_to(name: str, seconds: Sequence[float]) -> dict[str, float | None]:
+    """Return the share of the starts that have such a match, and the median time to it."""
+    reached = mean_of(np.isfinite(seconds))
+    late = reached is None or reached <= 0.5
+    return {
+        f"starts with a match {name}": reached,
+        f"median time to the first {name} (s)": None if late else float(np.median(seconds)),
+    }
+
+
+def mean_of(values: Sequence[bool] | npt.NDArray[np.bool_]) -> float | None:
+    """Return the share of true values; None of none."""
+    return float(np.mean(values)) if len(values) else None
 
 
 def unseen_street(seed: int) -> dict[str, list[MappedPair]]:

@@ -19,6 +19,7 @@ from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.settings import PRESETS
 from edge_vpr.simulation import simulate_pair
 from lab.drives import STREETS, second_drive
+from lab.experiments.calibration import first_matches
 from lab.loop import Draw, Drives, Experiment, Row
 from lab.pairs import MappedPair, rates, truth_of_pair
 
@@ -89,13 +90,17 @@ def _with(windows: Descriptors, counts: Counts) -> Descriptors:
 
 
 def measure(draw: Draw) -> Iterator[Row]:
-    """Match live and smoothed, with seven gains, and live with one."""
+    """Match live and smoothed, with seven gains, and live with one; live also in mid-route."""
     for trouble, pair in draw.pair:
         for matching, gains in (("live", 7), ("smoothed", 7), ("live", 1)):
             changes = {"smooth": matching == "smoothed", "gains": gains}
-            matches = pair.with_settings(changes).match()
-            names = {TROUBLE: trouble, MATCHING: matching, GAINS: gains}
-            yield {**names, **rates(matches, pair.truth)}
+            shown = pair.with_settings(changes)
+            matches = shown.match()
+            row = {TROUBLE: trouble, MATCHING: matching, GAINS: gains}
+            row |= rates(matches, pair.truth)
+            if matching == "live":
+                row |= first_matches([shown], lambda matches: ~matches.lost)
+            yield row
 
 
 EXPERIMENT = Experiment(
