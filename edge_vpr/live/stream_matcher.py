@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from edge_vpr.archive import Arrays
-from edge_vpr.descriptors.cleaning import BurstFilter
+from edge_vpr.descriptors.cleaning import BURST_SLOT_US, BurstFilter
 from edge_vpr.errors import MapError
 from edge_vpr.events import NO_EVENTS, Events, join_events
 from edge_vpr.live.losses import LossWatch
@@ -88,7 +88,8 @@ class StreamMatcher:
         #: windows that a match compares, and how far back from a match its losses may lie
         self._windows = settings.windows_per_match
         span_us = settings.tau_us if settings.window == "time" else _MOST_LOSS_US
-        self._horizon_us = (self._windows + 1) * span_us
+        held_us = 0 if self._bursts is None else 2 * BURST_SLOT_US  # until it is no burst
+        self._horizon_us = (self._windows + 1) * span_us + held_us
 
     @property
     def bursts_removed(self) -> int:
