@@ -1,11 +1,11 @@
-"""Recordings of a session: bytes as they come, and events in files of any format."""
+"""Recordings of a live session: their names, bytes written whole, and events by a thread."""
 
 from __future__ import annotations
 
 import contextlib
 import queue
 import threading
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator
 from io import FileIO
 from pathlib import Path
 
@@ -41,99 +41,8 @@ def ends_early(path: str, error: OSError) -> str:
     )
 
 
-class Recorder:
-    """Writes bytes and events to files, and gives up those that cannot be written.
-
-    Parameters
-    ----------
-    paths : sequence of Path
-        Of bytes, if they end in ``.bin``, or of events.
-    drive : Path or None
-        One more recording of events, without which the session has no purpose.
-    stop : callable
-        Called when `drive` cannot be written.
-    say : callable
-        Takes the kind and the text of a message.
-    overwrite : bool
-        Whether files that exist may be replaced.
-
-    Attributes
-    ----------
-    unwritten : str
-        Which file was given up and why, if one was.
-
-    Raises
-    ------
-    OSError
-        If a file of bytes cannot be opened.
-    """
-
-    def __init__(
-        self,
-        paths: Sequence[Path],
-        drive: Path | None,
-        sensor: Sensor,
-        stop: Callable[[], None],
-        say: Callable[..., None],
-        *,
-        overwrite: bool,
-    ) -> None:
-        self.unwritten = ""
-        self._drive, self._stop, self._say = drive, stop, say
-        self._begun = False  # whether there were events
-        with contextlib.ExitStack() as stack:
-            self._raw = [
-                stack.enter_context(path.open("wb", buffering=0))
-                for path in paths
-                if path.suffix == ".bin"
-            ]
-            targets = [path for path in (*paths, drive) if path and path.suffix != ".bin"]
-            self._writers = [EventWriter(path, sensor, overwrite) for path in targets]
-            for writer in self._writers:
-                stack.callback(writer.close)
-            self._files = stack.pop_all()
-
-    def close(self) -> None:
-        """Complete the files."""
-        self._files.close()
-        self._give_up_failed()
-
-    @property
-    def error(self) -> Exception | None:
-        """Why `drive` cannot be written, or any recording if there were no events."""
-        return next((each.error for each in self._writers if each.error is not None), None)
-
-    def write_bytes(self, data: bytes) -> None:
-        """Write bytes to their files."""
-        for file in list(self._raw):
-            try:
-                _write_all(file, data)
-            except OSError as error:
-                self._raw.remove(file)
-                self._give_up(ends_early(str(file.name), error))
-
-    def write_events(self, events: Events) -> None:
-        """Append events to their recordings."""
-        if events.size:
-            self._begun = True
-            for writer in self._writers:
-                writer.write(events)
-        self._give_up_failed()
-
-    def _give_up_failed(self) -> None:
-        for writer in [each for each in self._writers if each.error is not None]:
-            if writer.path == self._drive:
-                self._stop()
-            elif self._begun:
-                self._writers.remove(writer)
-                self._give_up(str(writer.error))
-
-    def _give_up(self, text: str) -> None:
-        self.unwritten = text
-        self._say("file", f"{text}; going on without it")
-
-
-def _write_all(file: FileIO, data: bytes) -> None:
+def write_whole(file: FileIO, data: bytes) -> None:
+    """Write all bytes."""
     left = memoryview(data)
     while left:
         left = left[file.write(left) :]

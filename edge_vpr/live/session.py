@@ -90,6 +90,7 @@ class LiveStatus(NamedTuple):
     lost_link: str = ""  #: Why the link is disconnected; empty while it is open.
     dead_s: float = 0.0  #: Seconds for which the link was disconnected, in all so far.
     max_age_s: float = math.inf  #: Age beyond which a match is lost.
+    bursts_removed: int = 0  #: Events removed as bursts.
 
 
 class LiveSession:
@@ -284,7 +285,6 @@ class LiveSession:
                 self._odometer = OdometerReader(self._odometry, self._say, retry=self._reconnect)
                 stack.callback(self._odometer.stop)
             files.open(self.sensor, self.stop, self._say)
-            stack.callback(files.close)
             self._stack = stack.pop_all()
         self._line = LineWatch(self._reader, decoder, self._say)
         window_us = SILENT_S * 1e6
@@ -410,15 +410,11 @@ class LiveSession:
         """State of the session now."""
         if not self._opened:
             return LiveStatus(self.health)
-        reader, filled = self._reader, self._matcher.filled
+        reader, matcher = self._reader, self._matcher
         return LiveStatus(
-            self.health, filled, reader.lost_link, reader.dead_s, self._newest_max_age_s
-        )
-
-    @property
-    def bursts_removed(self) -> int:
-        """Events removed as bursts."""
-        return self._matcher.bursts_removed if self._warm else 0
+            self.health, matcher.filled, reader.lost_link, reader.dead_s, self._newest_max_age_s,
+            matcher.bursts_removed,
+        )  # fmt: skip
 
     @property
     def address(self) -> str:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 from collections.abc import Callable, Sequence
+from io import FileIO
 from pathlib import Path
 
 from edge_vpr.descriptors.counting import Removed
@@ -13,7 +14,7 @@ from edge_vpr.files import check_output, work_folder
 from edge_vpr.learning import MapUpdate
 from edge_vpr.live.new_map import make_map
 from edge_vpr.live.reader import Chunk
-from edge_vpr.live.recorder import Recorder, check_recorded
+from edge_vpr.live.recorder import EventWriter, check_recorded, ends_early, write_whole
 from edge_vpr.live.state import StateFile, check_state_file
 from edge_vpr.live.stream_matcher import StreamMatcher
 from edge_vpr.online.schedule import MatchSchedule
@@ -24,6 +25,8 @@ from edge_vpr.settings import Preset, Settings, resolve_settings
 
 class SessionFiles:
     """Files that a live session writes, each of them if it is named.
+
+    A recording that cannot be written is given up, which a message says.
 
     Parameters
     ----------
@@ -54,6 +57,10 @@ class SessionFiles:
         What the session's map has learnt, if it has.
     removed : Removed
         Counts of events that were removed as bursts for that map.
+    unwritten : str
+        Which recording was given up and why, if one was; else empty.
+    keeps_state : bool
+        Whether the session's state is kept.
     """
 
     def __init__(
@@ -72,8 +79,13 @@ class SessionFiles:
         self._settings = resolve_settings(settings) if isinstance(settings, str) else settings
         self._overwrite = overwrite
         self._state_file: StateFile | None = None
-        self._recorder: Recorder | None = None
+        self.keeps_state = state is not None
+        self._raw: list[FileIO] = []  # files of bytes
+        self._writers: list[EventWriter] = []
+        self._recordings = contextlib.ExitStack()
+        self._begun = False  # whether there were events
         self._drive: Path | None = None  # the recording of which the map is made
+        self.unwritten = ""
         self._readings: dict[int, int] = {}
         self._heard_s = 0.0
         #: Removes what was needed only while the session was open.
@@ -83,19 +95,9 @@ class SessionFiles:
         self.removed = Removed()
 
     @property
-    def keeps_state(self) -> bool:
-        """Whether the session's state is kept."""
-        return self._state is not None
-
-    @property
-    def unwritten(self) -> str:
-        """Which recording was given up and why, if one was; else empty."""
-        return "" if self._recorder is None else self._recorder.unwritten
-
-    @property
     def error(self) -> Exception | None:
-        """Why the drive to learn from cannot be recorded, or nothing, if there were no events."""
-        return None if self._recorder is None else self._recorder.error
+        """Why the drive to learn from cannot be recorded, or any recording without events."""
+        return next((each.error for each in self._writers if each.error is not None), None)
 
     # What follows is called by the session, in this order.
 
@@ -144,15 +146,26 @@ class SessionFiles:
         ----------
         stop : callable
             Called when the drive to learn from cannot be recorded.
+        say : callable
+            Takes the kind and the text of a message.
+
+        Raises
+        ------
+        OSError
+            If a file of bytes cannot be opened.
         """
-        with contextlib.ExitStack() as work:
+        self._stop, self._say = stop, say
+        with contextlib.ExitStack() as work, contextlib.ExitStack() as recordings:
             if self._learn is not None:
                 self._drive = work.enter_context(work_folder(self._learn)) / "drive.npz"
-            if self._record or self._drive:
-                self._recorder = Recorder(
-                    self._record, self._drive, sensor, stop, say, overwrite=self._overwrite
-                )
-            self.work = work.pop_all()
+            of_bytes = [path for path in self._record if path.suffix == ".bin"]
+            for path in of_bytes:
+                self._raw.append(recordings.enter_context(path.open("wb", buffering=0)))
+            for path in filter(None, (*self._record, self._drive)):
+                if path not in of_bytes:
+                    self._writers.append(EventWriter(path, sensor, self._overwrite))
+                    recordings.callback(self._writers[-1].close)
+            self.work, self._recordings = work.pop_all(), recordings.pop_all()
 
     def take_bytes(self, chunk: Chunk, matcher: StreamMatcher, *, live: bool) -> None:
         """Record bytes before they are decoded; go on from the state when the first come.
@@ -163,15 +176,22 @@ class SessionFiles:
             Whether the link is.
         """
         self._heard_s = chunk.at_s
-        if self._recorder is not None:
-            self._recorder.write_bytes(chunk.data)
+        for file in list(self._raw):
+            try:
+                write_whole(file, chunk.data)
+            except OSError as error:
+                self._raw.remove(file)
+                self._give_up(ends_early(str(file.name), error))
         if self._state_file is not None:
             self._state_file.resume(matcher, chunk.at_s, live_line=live)
 
     def take_events(self, events: Events) -> None:
         """Record events."""
-        if self._recorder is not None:
-            self._recorder.write_events(events)
+        if events.size:
+            self._begun = True
+            for writer in self._writers:
+                writer.write(events)
+        self._give_up_failed()
 
     def take_reading(self, time_us: int, distance_mm: int) -> None:
         """Take a reading of the robot's odometer."""
@@ -184,14 +204,11 @@ class SessionFiles:
             self._state_file.keep(matcher, self._heard_s)
 
     def end(self, matcher: StreamMatcher) -> None:
-        """Keep the last state."""
+        """Keep the last state, and complete the recordings."""
         if self._state_file is not None:
             self._state_file.close(matcher, self._heard_s)
-
-    def close(self) -> None:
-        """Complete the recordings."""
-        if self._recorder is not None:
-            self._recorder.close()
+        self._recordings.close()
+        self._give_up_failed()
 
     def release(self) -> None:
         """Let another session have the state."""
@@ -204,6 +221,17 @@ class SessionFiles:
             return
         self.learnt, self.update, self.removed = make_map(
             self._drive, self._learn, reference, self._settings or resolve_settings(),
-            self._readings, say,
-            overwrite=self._overwrite,
+            self._readings, say, overwrite=self._overwrite,
         )  # fmt: skip
+
+    def _give_up_failed(self) -> None:
+        for writer in [each for each in self._writers if each.error is not None]:
+            if writer.path == self._drive:
+                self._stop()
+            elif self._begun:
+                self._writers.remove(writer)
+                self._give_up(str(writer.error))
+
+    def _give_up(self, text: str) -> None:
+        self.unwritten = text
+        self._say("file", f"{text}; going on without it")

@@ -348,7 +348,7 @@ class View:
             self._state, self._printed = state, now
             self._print(" | ".join(self._texts(status).values()))
 
-    def summary(self, status: LiveStatus, bursts_removed: int) -> None:
+    def summary(self, status: LiveStatus) -> None:
         """Write the summary of the run."""
         health = status.health
         counted = {"matches": self.matched, "accepted": self.accepted}
@@ -363,7 +363,7 @@ class View:
         text = f"{health.events:,} events in {health.bytes:,} bytes over {seconds:.1f} s"
         if self._places:
             text += f", {self.matched:,} matches, {self.accepted:,} of them not lost; "
-            text += f"{bursts_removed:,} events removed as bursts"
+            text += f"{status.bursts_removed:,} events removed as bursts"
         half, most = (self._lags.percentile_ms(share) for share in (0.5, 0.99))
         if half is not None:
             text += f"\nfrom byte to {self._goal}: {half:.1f} ms median, {most:.1f} ms for 99 %"

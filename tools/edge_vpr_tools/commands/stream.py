@@ -309,9 +309,10 @@ def _show_steps(session: LiveSession, view: View) -> None:
             if view.unread:
                 session.stop()
     finally:
-        view.summary(session.status, session.bursts_removed)
+        status = session.status
+        view.summary(status)
         if session.reference is not None:
-            removed = Removed(session.health.events, session.bursts_removed)
+            removed = Removed(status.health.events, status.bursts_removed)
             warn_of_bursts(removed, session.address, "make the map with --bursts keep")
     if text := session.files.unwritten or view.unwritten:
         raise RecordingError(text)
