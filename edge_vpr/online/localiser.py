@@ -527,9 +527,10 @@ class Localiser:
 
 def _events_per_s(reference: ReferenceMap) -> int:
     """Return the selected events per second of a map's drive; 0 if unknown."""
-    windows = reference.windows
-    passed_us = int(windows.centre_us[-1] - windows.centre_us[0])
-    events = round(float(windows.selected_events.mean()) * (len(windows) - 1))
+    places, number = reference.places, reference.settings.window_parts
+    centre_us, selected = places.centre_us[::number], places.selected_events[::number]
+    passed_us = int(centre_us[-1] - centre_us[0])
+    events = round(float(selected.mean()) * (len(selected) - 1))
     return events * 1_000_000 // passed_us if passed_us > 0 else 0
 
 
