@@ -281,68 +281,35 @@ def map_traverse(
     """
     recording = opened(recording)
     sensor = recording.sensor
-    if removed is not None:
-        expect(removed, Removed, "removed", "Removed() to be filled, or leave it out")
-    if hot is not None:
-        expect(hot, np.ndarray, "hot", "an array of bool, shape (height, width), or a file")
-        if hot.dtype != np.bool_:
-            raise UsageError(f"hot pixels are an array of {hot.dtype}: give one of bool")
-    if hot is not None and hot.shape != (sensor.height, sensor.width):
-        raise UsageError(
-            f"hot pixels are given for {hot.shape[1]}x{hot.shape[0]} pixels and the recording is "
-            f"of a {sensor} sensor: give the list of this camera"
-        )
+    _check_asked(sensor, pixel_map, hot, removed)
     if pixel_map is not None:
-        expect(pixel_map, PixelMap, "pixel_map", "a PixelMap(sensor, x, y)")
-        check_sensor(sensor, pixel_map.sensor)
         settings = settings.replaced({"pixels": len(pixel_map)}, "the pixel map")
     if settings.places_per_window is None:
         settings = with_places(settings, recording)
     check_parts(recording, settings)
+    if isinstance(recording, WindowSource):
+        check_windows_only(settings)
+        settings = settings.replaced({"tau_us": recording.window_us}, "the published windows")
+        if pixel_map is not None:
+            check_counted(recording, pixel_map, settings)
     # the released code selects by clipped counts; with other codes, pixels are selected by plain
     # counts, so that maps with different codes have the same pixels
     needs_events = settings.window == "count" or settings.polarity
     parts = 1 if needs_events else settings.window_parts
-    stream = None
     with PixelStatistics(sensor, clip=settings.clip, parts=parts) as first:
-        if isinstance(recording, WindowSource):
-            check_windows_only(settings)
-            settings = settings.replaced({"tau_us": recording.window_us}, "the published windows")
-            if pixel_map is not None:
-                check_counted(recording, pixel_map, settings)
-            windows = recording.windows()
-        else:
-            everything = PixelMap.all_of(sensor)
-            stream = DescriptorStream(everything, FixedTime(settings.tau_us // parts))
-            windows = event_windows(recording, stream, settings, removed)
-        for window in windows:
-            first.add(window)
-        if first.windows == 0:
-            raise too_short(FixedTime(settings.tau_us), stream)
+        _scan(recording, settings, first, parts, removed)
         counted = np.ones((sensor.height, sensor.width), dtype=np.bool_)
         if isinstance(recording, WindowSource):
             counted = recording.counted
-        # next to pixels that were not counted, all others would look hot
-        searched = settings.remove_hot_pixels and counted.all() and can_be_searched(first.totals)
-        if hot is None and searched:
-            hot = find_hot_pixels(first.totals)
-        elif hot is None:
-            hot = np.zeros_like(counted)
+        if hot is None:
+            hot = _hot_pixels(first, settings, counted)
         saliency = first.mean() if settings.strategy == "seed-code" else first.variance()
         if pixel_map is not None:
             hot = hot & (pixel_map.table() < 0)
         else:
             pixel_map = _choose_pixels(first, recording, settings, saliency, hot, ~counted)
             settings = settings.replaced({"pixels": len(pixel_map)}, "the recording")
-        selected = int(first.totals[pixel_map.y, pixel_map.x].sum())
-        if settings.window == "time" and selected < first.windows:
-            warnings.warn(
-                f"windows of {FixedTime(settings.tau_us)} hold {selected / first.windows:.2g} "
-                f"events at the {len(pixel_map)} pixels of the map in the mean, and their places "
-                f"look alike: take longer windows (tau=), or more pixels (pixels=)",
-                EdgeVprWarning,
-                stacklevel=3,
-            )
+        _warn_of_few_events(first, settings, pixel_map)
         if settings.window == "count" and settings.events_per_pixel is None:
             settings = _with_mean_count(settings, first, pixel_map)
         pieces = None if needs_events else first.pieces(pixel_map)
@@ -355,6 +322,73 @@ def map_traverse(
         ReferenceMap(settings.uncoded, pixel_map, places, saliency.astype(np.float32), hot),
         settings,
     )
+
+
+def _check_asked(
+    sensor: Sensor,
+    pixel_map: PixelMap | None,
+    hot: npt.NDArray[np.bool_] | None,
+    removed: Removed | None,
+) -> None:
+    """Check that the parts of a map that a caller gives are of this sensor."""
+    if removed is not None:
+        expect(removed, Removed, "removed", "Removed() to be filled, or leave it out")
+    if hot is not None:
+        expect(hot, np.ndarray, "hot", "an array of bool, shape (height, width), or a file")
+        if hot.dtype != np.bool_:
+            raise UsageError(f"hot pixels are an array of {hot.dtype}: give one of bool")
+        if hot.shape != (sensor.height, sensor.width):
+            raise UsageError(
+                f"hot pixels are given for {hot.shape[1]}x{hot.shape[0]} pixels and the recording "
+                f"is of a {sensor} sensor: give the list of this camera"
+            )
+    if pixel_map is not None:
+        expect(pixel_map, PixelMap, "pixel_map", "a PixelMap(sensor, x, y)")
+        check_sensor(sensor, pixel_map.sensor)
+
+
+def _scan(
+    recording: EventSource | WindowSource,
+    settings: Settings,
+    first: PixelStatistics,
+    parts: int,
+    removed: Removed | None,
+) -> None:
+    """Count the events of all pixels, window by window or part by part."""
+    stream = None
+    if isinstance(recording, WindowSource):
+        windows = recording.windows()
+    else:
+        every_pixel = PixelMap.all_of(recording.sensor)
+        stream = DescriptorStream(every_pixel, FixedTime(settings.tau_us // parts))
+        windows = event_windows(recording, stream, settings, removed)
+    for window in windows:
+        first.add(window)
+    if first.windows == 0:
+        raise too_short(FixedTime(settings.tau_us), stream)
+
+
+def _hot_pixels(
+    first: PixelStatistics, settings: Settings, counted: npt.NDArray[np.bool_]
+) -> npt.NDArray[np.bool_]:
+    """Return the hot pixels, if the settings ask for them and they can be told."""
+    # next to pixels that were not counted, all others would look hot
+    if settings.remove_hot_pixels and counted.all() and can_be_searched(first.totals):
+        return find_hot_pixels(first.totals)
+    return np.zeros_like(counted)
+
+
+def _warn_of_few_events(first: PixelStatistics, settings: Settings, pixel_map: PixelMap) -> None:
+    """Warn of windows by time that have less than one event at the selected pixels."""
+    selected = int(first.totals[pixel_map.y, pixel_map.x].sum())
+    if settings.window == "time" and selected < first.windows:
+        warnings.warn(
+            f"windows of {FixedTime(settings.tau_us)} hold {selected / first.windows:.2g} "
+            f"events at the {len(pixel_map)} pixels of the map in the mean, and their places "
+            f"look alike: take longer windows (tau=), or more pixels (pixels=)",
+            EdgeVprWarning,
+            stacklevel=4,
+        )
 
 
 def _choose_pixels(
