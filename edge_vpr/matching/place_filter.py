@@ -349,10 +349,10 @@ def add(
 ) -> None:
     """Write the metrics: the prediction and the evidence of the hypothesis' sum, at most 127."""
     for h in range(LANES):
-        against = of_sums[sums[h]]
+        which = sums[h]
         for k in range(len(out)):
-            metric = np.int16(prediction[k, h] + against[k]) if h < hypotheses else METRIC_TOP
-            out[k, h] = min(metric, np.int16(METRIC_TOP))
+            metric = np.int16(prediction[k, h] + of_sums[which, k])
+            out[k, h] = min(metric, np.int16(METRIC_TOP)) if h < hypotheses else METRIC_TOP
 
 
 # 4. Best: the place and gain of the least metric, and the middle of the places near it.

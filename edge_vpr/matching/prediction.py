@@ -170,41 +170,32 @@ def bias_of(typical: npt.NDArray[np.int64]) -> npt.NDArray[np.int64]:
     return np.minimum(part.max() - part, BIAS_TOP)
 
 
-@kernel(inline="always")
-def lower(metric: Narrow, other: Narrow, cost: int) -> None:
-    """Lower each metric to another one plus a cost."""
-    for j in range(metric.size):
-        metric[j] = min(metric[j], np.int16(other[j] + cost))
-
-
 @kernel(inner=True)
 def change_gains(metric: Narrow, hypotheses: int) -> None:
     """Lower each metric to that of another gain of the same place plus the cost of the change."""
-    of_gain = metric.T.copy()  # long loops are compiled to vectors
-    for h in range(1, hypotheses):
-        lower(of_gain[h], of_gain[h - 1], GAIN_STEP)
-    for h in range(hypotheses - 1, 0, -1):
-        lower(of_gain[h - 1], of_gain[h], GAIN_STEP)
+    places = len(metric)
+    of_gain = np.empty((hypotheses, places), dtype=np.int16)  # its long loops compile to vectors
     for h in range(hypotheses):
-        for k in range(len(metric)):
+        for k in range(places):
+            of_gain[h, k] = metric[k, h]
+    for h in range(1, hypotheses):
+        for k in range(places):
+            of_gain[h, k] = min(of_gain[h, k], np.int16(of_gain[h - 1, k] + GAIN_STEP))
+    for h in range(hypotheses - 1, 0, -1):
+        for k in range(places):
+            of_gain[h - 1, k] = min(of_gain[h - 1, k], np.int16(of_gain[h, k] + GAIN_STEP))
+    for h in range(hypotheses):
+        for k in range(places):
             metric[k, h] = of_gain[h, k]
 
 
 @kernel(inner=True)
-def least_of_lanes(metric: Narrow) -> Narrow:
-    """Return the least metric of each lane over all places, shape (LANES,)."""
-    least = metric.copy().reshape(metric.size)
-    while least.size > LANES:  # one half against the other
-        rest = (least.size // LANES + 1) // 2 * LANES
-        lower(least[: least.size - rest], least[rest:], 0)
-        least = least[:rest]
-    return least
-
-
-@kernel(inner=True)
-def subtract_least(metric: Narrow, hypotheses: int) -> None:
-    """Subtract the least metric of all places and hypotheses."""
-    least, flat = least_of_lanes(metric)[:hypotheses].min(), metric.reshape(metric.size)
+def subtract_least(metric: Narrow) -> None:
+    """Subtract the least metric of all places and hypotheses; unused ones are never lower."""
+    flat = metric.reshape(metric.size)
+    least = flat[0]
+    for j in range(flat.size):
+        least = min(least, flat[j])
     for j in range(flat.size):
         flat[j] -= least
 
@@ -235,9 +226,12 @@ def move_on(metric: Narrow, table: FilterTable, activity: int, back: bool, out: 
         that is reached.
     """
     places, size = len(metric), metric.size
-    restarted, column = least_of_lanes(metric), np.empty(places, dtype=np.int64)
+    restarted, column = np.empty(LANES, dtype=np.int16), np.empty(places, dtype=np.int64)
     for h in range(LANES):
-        restarted[h] += np.int16(table.restart_cost)
+        least = metric[0, h]
+        for k in range(places):
+            least = min(least, metric[k, h])
+        restarted[h] = least + table.restart_cost
     cost = np.empty((places, LANES), dtype=np.int16)
     # the lanes of a place are copied as two words, and sums are in long loops, which are vectors
     of_place, of_column = cost.view(np.int64), table.costs.view(np.int64)
@@ -246,16 +240,21 @@ def move_on(metric: Narrow, table: FilterTable, activity: int, back: bool, out: 
         column[k] = first_column(activity, table.activity[k])
         words[k, 0] = from_any[0]
         words[k, 1] = from_any[1]
-    flat, reached, costs = metric.reshape(size), out.reshape(size), cost.reshape(size)
+    before, reached, costs = metric.reshape(size), out.reshape(size), cost.reshape(size)
     for i in range(min(len(of_column), places)):
         for k in range(places):
             of_place[k, 0] = of_column[i, column[k], 0]
             of_place[k, 1] = of_column[i, column[k], 1]
-        later, earlier = slice(i * LANES, size), slice(0, size - i * LANES)
-        other, to = (flat[later], reached[earlier]) if back else (flat[earlier], reached[later])
-        of_step = costs[later]
-        for j in range(of_step.size):
-            to[j] = min(to[j], np.int16(other[j] + of_step[j]))
+        far, rest = i * LANES, size - i * LANES
+        to, source = (0, far) if back else (far, 0)
+        lower(reached[to : to + rest], before[source : source + rest], costs[far:])
+
+
+@kernel(inner=True)
+def lower(metric: Narrow, other: Narrow, cost: Narrow) -> None:
+    """Lower each metric to another one plus its cost."""
+    for j in range(metric.size):
+        metric[j] = min(metric[j], np.int16(other[j] + cost[j]))
 
 
 @kernel(inline="always")
@@ -272,7 +271,7 @@ def predict(metric: Narrow, table: FilterTable, activity: int, out: Narrow) -> N
         Predicted costs.
     """
     before = metric.copy()
-    subtract_least(before, table.gains.size)
+    subtract_least(before)
     change_gains(before, table.gains.size)
     # not a constant, for which Numba would compile another version
     move_on(before, table, activity, np.bool_(False), out)

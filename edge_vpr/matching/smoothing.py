@@ -67,12 +67,11 @@ def smooth_windows(
         residual[i], row["trust"] = against[place], margin << TRUST_FRACTION_BITS
         row["misfit"] = window_misfit(against, place, table.typical, factor, rows.share[i])
         for h in range(LANES):
-            of_sum = rows.evidence[i, sums[h]]
             for k in range(len(metric)):
-                behind = np.int16(cost_to_go[k, h] + of_sum[k])
+                behind = np.int16(cost_to_go[k, h] + rows.evidence[i, sums[h], k])
                 next_cost_to_go[k, h] = behind if h < hypotheses else UNUSED
         move_on(next_cost_to_go, table, rows.activity[i], np.bool_(True), cost_to_go)
-        subtract_least(cost_to_go, hypotheses)
+        subtract_least(cost_to_go)
         change_gains(cost_to_go, hypotheses)
 
 
