@@ -83,7 +83,7 @@ GROUPS: dict[str, dict[str, str]] = {
         "profile trace": "add the energy that an external power meter recorded to a profile",
     },
     "this program": {
-        "doctor": "check this machine: libraries, kernels, ports, sensors; show what is missing",
+        "doctor": "show what this machine has: libraries, kernels, ports, sensors",
         "completion": "print a script by which a shell completes commands and flags",
     },
 }

@@ -122,7 +122,7 @@ def summary(text: str) -> None:
 
 
 def print_facts(lines: Mapping[str, str]) -> None:
-    """Print the facts of drives and tracks, of `edge_vpr.evaluation.facts`, as a summary."""
+    """Print facts by their topics, as a summary."""
     width = max(map(len, lines), default=0)
     for heading, text in lines.items():
         summary(f"{heading:<{width}}  {text}")
