@@ -190,7 +190,7 @@ def describe(
     recording = opened(recording)
     expect(pixel_map, PixelMap, "pixel_map", "a PixelMap, as of select_pixels or of a map")
     expect(settings, Settings, "settings", "Settings, as of a map or of resolve_settings")
-    counters = len(pixel_map) * (2 if settings.polarity else 1)
+    counters = len(pixel_map)
     codes = codes_of(settings, counters)
     counted = count_windows(recording, pixel_map, settings)
     if codes is None:
@@ -254,7 +254,7 @@ def map_traverse(
 ) -> ReferenceMap:
     """Make a map of one drive, in one pass over its events or two.
 
-    A second pass is needed for fixed-count windows, for polarity, and if the images of all windows,
+    A second pass is needed for fixed-count windows, and if the images of all windows,
     or of their parts, are too large for a temporary file. If a recording has events
     at few pixels alone, as published counts do, and no more than the settings ask for, all of them
     are the map's.
@@ -294,7 +294,7 @@ def map_traverse(
             check_counted(recording, pixel_map, settings)
     # the released code selects by clipped counts; with other codes, pixels are selected by plain
     # counts, so that maps with different codes have the same pixels
-    needs_events = settings.window == "count" or settings.polarity
+    needs_events = settings.window == "count"
     parts = 1 if needs_events else settings.window_parts
     with PixelStatistics(sensor, clip=settings.clip, parts=parts) as first:
         _scan(recording, settings, first, parts, removed)
@@ -467,7 +467,7 @@ def _most_informative(
 ) -> PixelMap:
     windows = first.descriptors(listed)
     if windows is None:  # too large for a temporary file: events are counted again
-        by_time = settings.uncoded.replaced({"window": "time", "polarity": False}, "the shortlist")
+        by_time = settings.uncoded.replaced({"window": "time"}, "the shortlist")
         windows = count_windows(recording, listed, by_time)
     return informative_pixels(listed, windows.counts, settings.pixels)
 

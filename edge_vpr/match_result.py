@@ -153,7 +153,7 @@ def _match_events(
     """Feed the events of a drive to a localiser, and count its windows in the same pass."""
     localiser = Localiser(reference, every=every)
     stream: DescriptorStream | None = DescriptorStream(
-        reference.pixel_map, window_of(reference.settings), polarity=reference.settings.polarity
+        reference.pixel_map, window_of(reference.settings)
     )
     windows: list[WindowCounts] = []
     found: list[npt.NDArray[np.void]] = []
@@ -191,7 +191,7 @@ def _match_events(
         faults_dropped=getattr(drive, "faults", Faults()),
     )
     matches = Matches.of_rows(rows, reference.settings, len(reference))
-    counted = collect(windows, len(reference.pixel_map) * (2 if reference.settings.polarity else 1))
+    counted = collect(windows, len(reference.pixel_map))
     counted = replace(counted, selected=counted.selected_events)
     return MatchResult(
         reference, matches, None, metrics, removed, windows=counted if len(counted) else None

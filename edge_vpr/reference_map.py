@@ -117,10 +117,10 @@ class ReferenceMap(EqualByValue):
     hot : ndarray of bool, shape (height, width)
         Pixels that were left out.
     full_scale : ndarray of uint16, shape (J,), optional
-        Of each counter's code, where the settings scale it to each pixel; with polarity (2 J,).
+        Of each counter's code, where the settings scale it to each pixel.
     mean : ndarray of int32, shape (J,), optional
         Mean logarithm of each counter over this drive in units of 1/256 octave, where the settings
-        take codes against it; with polarity (2 J,).
+        take codes against it.
     confidence : Confidence, optional
         Probability of matches with these settings, learnt from an evaluated drive.
     route : Route, optional
@@ -181,7 +181,7 @@ class ReferenceMap(EqualByValue):
                 f"the settings say {settings.pixels} pixels and the pixel map has "
                 f"{len(pixel_map)}: expected the same number"
             )
-        counters = len(pixel_map) * (2 if settings.polarity else 1)
+        counters = len(pixel_map)
         check_descriptors(places, counters)
         shape = (pixel_map.sensor.height, pixel_map.sensor.width)
         check_array(self.saliency, "saliency", (np.float32, np.float64), shape)
@@ -533,17 +533,16 @@ class ReferenceMap(EqualByValue):
             Their positions, in the same order.
         """
         settings, places, left = self.settings, self.places, len(pixel_map)
-        counters = np.concatenate([kept, kept]) if settings.polarity else kept
         # codes give roughly the share of events that the remaining counters had
         counts = self.decoded(places).counts
-        events = max(1, int(counts[:, counters].sum(dtype=np.int64)))
+        events = max(1, int(counts[:, kept].sum(dtype=np.int64)))
         share = min(1.0, events / max(1, int(counts.sum(dtype=np.int64))))
         changes: dict[str, float] = {"pixels": left}
         if settings.events_per_pixel is not None:  # so that a window covers the same distance
             changes["events_per_pixel"] = settings.events_per_pixel * share * kept.size / left
 
         def of_counters(values: npt.NDArray[Any] | None) -> npt.NDArray[Any] | None:
-            return None if values is None else np.ascontiguousarray(values[..., counters])
+            return None if values is None else np.ascontiguousarray(values[..., kept])
 
         return replace(
             self,
@@ -551,7 +550,7 @@ class ReferenceMap(EqualByValue):
             pixel_map=pixel_map,
             places=replace(
                 places,
-                counts=np.ascontiguousarray(places.counts[:, counters]),
+                counts=np.ascontiguousarray(places.counts[:, kept]),
                 selected=np.rint(places.selected_events * share).astype(np.int64),
                 counted=np.rint(places.counted_events * share).astype(np.int64),
             ),

@@ -372,7 +372,6 @@ _WINDOWS = _group(
 )
 _COUNTERS = _group(
     "counters",
-    polarity=SettingField(help="count ON and OFF events in separate counters"),
     clip=SettingField(
         help="cap counts at N; none: no cap",
         metavar="N",
@@ -495,7 +494,6 @@ class Settings:
     tau_us: int = 1_000_000
     events_per_pixel: float | None = 3.0
     places_per_window: int | None = 1
-    polarity: bool = False
     clip: int | None = None
     counter_code: CounterCodeName = "none"
     counter_bits: int = 3
@@ -624,7 +622,6 @@ class Settings:
         """Return the settings that keep these from the nearest profile, and their values there."""
         filters = self.matching == "filter"
         wanted: dict[str, tuple[bool, str]] = {
-            "polarity": (not self.polarity, "false"),
             "clip": (not self.clip, "none"),
             "window": (not filters or self.window == "time", "time"),
         }
@@ -770,7 +767,6 @@ class SettingChanges(MatchingChanges, total=False):
     tau: str
     events_per_pixel: float | Literal["auto"] | None
     places_per_window: int | Literal["auto"] | None
-    polarity: bool
     clip: int | Literal["none"] | None
     counter_code: CounterCodeName
     counter_bits: int

@@ -30,7 +30,7 @@ def codes_of(
     Parameters
     ----------
     counters : int
-        J, or with polarity 2 J.
+        J.
     full_scale : ndarray of uint16, shape (counters,), optional
         What the reference map learned, needed where the settings scale the code to each pixel.
     """

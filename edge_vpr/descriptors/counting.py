@@ -581,10 +581,9 @@ def check_sensor(recording: Sensor, mapped: Sensor) -> None:
 
 def check_windows_only(settings: Settings) -> None:
     """Raise UsageError if the settings need events, which published windows do not hold."""
-    if settings.window == "count" or settings.polarity:
+    if settings.window == "count":
         raise UsageError(
-            "published windows hold no events: fixed-count windows and polarity need a recording "
-            "of events"
+            "published windows hold no events: fixed-count windows need a recording of events"
         )
 
 
@@ -716,9 +715,9 @@ def count_windows(
             window._replace(counts=window.counts[flat]) for window in recording.windows()
         )
     else:
-        stream = DescriptorStream(pixel_map, window_of(settings), polarity=settings.polarity)
+        stream = DescriptorStream(pixel_map, window_of(settings))
         windows = event_windows(recording, stream, settings, removed)
-    counted = collect(windows, len(pixel_map) * (2 if settings.polarity else 1))
+    counted = collect(windows, len(pixel_map))
     if len(counted) == 0:
         raise too_short(window_of(settings), stream)
     return replace(counted, selected=counted.selected_events)

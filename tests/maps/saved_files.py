@@ -35,10 +35,10 @@ from tests.streams import descriptors, random_events
 
 SENSOR = Sensor(6, 5)
 PIXELS = PixelMap(SENSOR, np.array([0, 5, 2, 1]), np.array([0, 4, 3, 0]))
-#: settings of the saved maps: sequences, polarity, the place filter, and the default codes
+#: settings of the saved maps: sequences, clipped counts, the place filter, and the default codes
 VARIANTS: tuple[dict[str, object], ...] = (
     {},
-    {"window": "count", "events_per_pixel": 2.0, "polarity": True, "clip": 3},
+    {"window": "count", "events_per_pixel": 2.0, "clip": 3},
     {"matching": "filter", "precision": 0.9},
     {"matching": "filter", "counter_code": "log", "counter_scaling": "contrast"},
 )
@@ -50,10 +50,9 @@ def map_of(
     """Make a map of a few places at four pixels, with a table of probabilities and a route."""
     settings = Settings(pixels=4, tau_us=100, sequence_length=2, remove_bursts=False)
     settings = settings.replaced(variant, "test")
-    counters = 8 if settings.polarity else 4
     if largest is None:
         largest = int(rng.choice([3, 20, 300, 70_000]))
-    places = descriptors(rng.integers(0, largest + 1, (int(rng.integers(3, 12)), counters)))
+    places = descriptors(rng.integers(0, largest + 1, (int(rng.integers(3, 12)), 4)))
     figures = np.zeros((SENSOR.height, SENSOR.width), dtype=np.float32)
     counted = ReferenceMap(settings.uncoded, PIXELS, places, figures, figures > 0)
     confidence = Confidence(

@@ -84,7 +84,6 @@ def _round_half_up(value: Fraction) -> int:
         {},
         {"counter_code": "log", "counter_scaling": "shared"},
         {"counter_code": "none", "counter_scaling": "shared"},
-        {"polarity": True},
         {"matching": "sequence", "smooth": False},
         {"places_per_window": 2},
     ],

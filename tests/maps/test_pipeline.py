@@ -63,19 +63,17 @@ def expected_map(events, chosen):
 @given(
     seed=st.integers(0, 2**32),
     window=st.sampled_from(["time", "count"]),
-    polarity=st.booleans(),
     remove_bursts=st.booleans(),
     per_window=st.sampled_from([1, 2]),
     chunk=st.sampled_from([1, 100, 10_000]),
 )
 @settings(max_examples=15)
 def test_a_map_equals_the_oracle_from_events_to_descriptors(
-    seed, window, polarity, remove_bursts, per_window, chunk
+    seed, window, remove_bursts, per_window, chunk
 ):
     chosen = SMALL.replaced(
         {
             "window": window,
-            "polarity": polarity,
             "remove_bursts": remove_bursts,
             "seed": seed,
             **({} if per_window == 1 else {"matching": "filter", "places_per_window": 2}),
@@ -96,7 +94,7 @@ def test_a_map_equals_the_oracle_from_events_to_descriptors(
     windows = parts
     if per_window == 2:
         windows = [first + second for first, second in itertools.pairwise(parts)]
-    assert found.places.counts.tolist() == [naive.count(w, pixels, polarity) for w in windows]
+    assert found.places.counts.tolist() == [naive.count(w, pixels) for w in windows]
     assert found.places.events.tolist() == [len(w) for w in windows]
 
 
@@ -223,15 +221,14 @@ CODED = [
     seed=st.integers(0, 2**32),
     code=st.sampled_from(CODED),
     window=st.sampled_from(["time", "count"]),
-    polarity=st.booleans(),
 )
 @settings(max_examples=30)
 def test_a_coded_map_has_the_pixels_of_the_plain_one_and_the_codes_of_its_counts(
-    seed, code, window, polarity
+    seed, code, window
 ):
     events = busy_drive(np.random.default_rng(seed), 600)
     drive = Drive(events, SENSOR, 100)
-    plain = SMALL.replaced({"window": window, "polarity": polarity, "seed": seed}, "test")
+    plain = SMALL.replaced({"window": window, "seed": seed}, "test")
     coded = plain.replaced(code, "test")
     counts = ReferenceMap.build(drive, plain)
     found = ReferenceMap.build(drive, coded)

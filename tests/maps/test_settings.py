@@ -51,7 +51,7 @@ def test_settings_come_back_from_plain_values():
         ({"pixel": 3}, "unknown setting 'pixel'"),
         ({"pixels": 0}, "pixels = 0: expected 1 or more"),
         ({"pixels": "many"}, "of type str: expected int"),
-        ({"polarity": 1}, "of type int: expected bool"),
+        ({"smooth": 1}, "of type int: expected bool"),
         ({"sigma": float("nan")}, "sigma = nan"),
         ({"strategy": "best"}, "choose from variance"),
         ({"window": "space"}, "choose from time, count"),
@@ -119,7 +119,7 @@ ALL_FLAGS = {  # a value other than the preset's, as the flag takes it
     "places_per_window": "2",
 }
 #: flags of two words, and what stands in a file where the default is the other
-SWITCHES = {"polarity": True, "smooth": False, "stays_on_map": True}
+SWITCHES = {"smooth": False, "stays_on_map": True}
 
 
 def by_flags(*words):
@@ -217,7 +217,6 @@ def test_a_word_of_a_setting_of_words_is_read_as_what_it_means():
         ("default", {"pixels": 25, "smooth": False, "places_per_window": 1}, "robot"),
         ("paper", {}, "paper"),
         ("paper", {"window": "count", "counter_code": "linear", "counter_bits": 4}, "paper"),
-        ("default", {"polarity": True}, None),
         ("default", {"counter_scaling": "own-mean"}, None),
         ("default", {"window": "count"}, None),
         ("paper", {"counter_code": "log"}, None),

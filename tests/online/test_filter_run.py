@@ -290,12 +290,10 @@ def test_ticks_that_are_skipped_give_no_match():
     [
         ({"window": "count"}, "map with window = time for robot"),
         ({"counter_scaling": "own-mean"}, "map with counter_scaling = contrast for robot"),
-        ({"polarity": True}, "map with polarity = false for robot"),
         ({"matching": "sequence"}, "counter_code = linear, counter_scaling = shared for paper"),
     ],
 )
 def test_settings_of_neither_profile_are_refused_with_what_to_change(changes, says):
-    counters = len(PIXELS) * (2 if changes.get("polarity") else 1)
-    reference = map_of(np.ones((9, counters), dtype=np.int64), **changes)
+    reference = map_of(np.ones((9, len(PIXELS)), dtype=np.int64), **changes)
     with pytest.raises(UsageError, match=f"live matching and devices take two profiles.* {says}"):
         Localiser(reference)

@@ -550,7 +550,7 @@ def completions(line, tmp_path):
 def test_completion_offers_verbs_flags_and_choices(tmp_path):
     assert {"map", "match"} <= completions("edge-vpr ma", tmp_path)
     flags = {
-        "--pixels", "--pixel-map", "--places-per-window", "--polarity", "--precision", "--preset"
+        "--pixels", "--pixel-map", "--places-per-window", "--precision", "--preset"
     }  # fmt: skip
     assert flags == completions("edge-vpr map --p", tmp_path)
     assert {"variance"} == completions("edge-vpr map --strategy v", tmp_path)

@@ -29,7 +29,7 @@ TABLE = (
 )
 SETTINGS = (
     "--preset tiny --config {f}/settings.toml --pixels 5 --strategy random --sigma 1.5 --seed 3 "
-    "--window count --tau 100ms --events-per-pixel 4 --polarity "
+    "--window count --tau 100ms --events-per-pixel 4 "
     "--counter-code log --counter-bits 3 --counter-scaling shared "
     "--hot-pixels {f}/hot.txt --bursts keep --sequence-length 2 --exclusion 1"
 )
@@ -53,7 +53,7 @@ RUNS = [
     ("convert {f}/query.h5 {f}/out.csv --sensor 16x12 --topic left --overwrite", 0),
     (f"map {{f}}/reference.npz -o {{f}}/map.npz {SMALL}", 0),
     (f"map {{f}}/reference.npz -o {{f}}/map.npz {SETTINGS} --overwrite", 0),
-    (f"map {{f}}/reference.npz -o {{f}}/map.npz {SMALL} --no-polarity "
+    (f"map {{f}}/reference.npz -o {{f}}/map.npz {SMALL} "
      "--clip none --places-per-window 1 --overwrite", 0),
     (f"map {{f}}/reference.npz -o {{f}}/filter_map.npz {FILTER} --pixels 5 --tau 100ms --sigma 1 "
      "--track {f}/track.csv --track-offset 0.1 --longest-gap 9 --odometry {f}/odometry.csv "
@@ -106,7 +106,7 @@ RUNS = [
     ("match {f}/filter_map.npz {f}/query.npz -o {f}/smooth --online --smooth", 2),
     (f"{STREAM} --once --sensor 16x12 --learn -o {{f}}/learnt.npz {SETTINGS} --no-smooth "
      "--no-stays-on-map --places-per-window 2", 0),
-    (f"{STREAM} --once --sensor 16x12 --learn -o {{f}}/learnt.npz {SMALL} --no-polarity "
+    (f"{STREAM} --once --sensor 16x12 --learn -o {{f}}/learnt.npz {SMALL} "
      "--clip 200 --overwrite", 0),
     # 2: the viewer is an extra of 160 MB, which may not be installed
     ("bridge {f}/query.npz --port udp://127.0.0.1:9 --protocol evpr --speed 0 --baud 9600 "

@@ -437,7 +437,6 @@ def test_a_field_of_a_wrong_type_ends_a_comparison_in_one_line(
     ("preset", "changes", "differences", "size"),
     [
         ("paper", {}, 5 * 7, 3),
-        ("paper", {"polarity": True}, 2 * 5 * 7, 3),  # a pixel has two counters
         ("default", {"places_per_window": 2}, 5 * 7, 2 * 3),
     ],
 )

@@ -199,7 +199,7 @@ def _of_match(run: Path, name: str) -> list[Row]:
         size = metrics.packed_bytes_per_place * settings.window_parts
         values["packed_bytes_per_window"] = size
         values["microseconds_per_match"] = 1e6 * metrics.matching_s / metrics.queries
-        codes = (2 if settings.polarity else 1) * metrics.pixels
+        codes = metrics.pixels
         values["differences_per_match"] = codes * metrics.places
     rows = []
     for one in metrics.tolerances or (evaluation,):
