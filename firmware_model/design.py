@@ -115,8 +115,8 @@ class Design:
     window_events : int
         Events at selected pixels of a window by count.
     timestamp_bits : int
-        Of the device's clock, in microseconds, which wraps. What is left of a window at some time
-        is their difference modulo 2 to this power, read as a signed number.
+        Of the device's clock, in microseconds, which wraps. The time that is left of a window is
+        a difference modulo 2 to this power, read as a signed number.
     places : int
         K.
     matching : {"sequence", "filter"}

@@ -560,7 +560,7 @@ class PlaceFilter:
         self.state.prediction[:] = 0  # as before the first window
 
     def unseen(self, halves: int) -> None:
-        """Let the robot be anywhere that unseen time allows, and nothing speak for any place.
+        """Allow the robot to be anywhere that unseen time allows, with no evidence for any place.
 
         Parameters
         ----------
