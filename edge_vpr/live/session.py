@@ -270,7 +270,7 @@ class LiveSession:
         self.warm_up()
         reference, decoder, files = self.reference, self.decoder, self.files
         with contextlib.ExitStack() as stack:
-            files.lock(reference, self._every, self._say)
+            files.lock(self._matcher.localiser, self._say)
             stack.callback(files.release)
             self._reader = LinkReader(
                 self._open_link, address=self._address,

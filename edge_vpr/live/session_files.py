@@ -17,7 +17,7 @@ from edge_vpr.live.reader import Chunk
 from edge_vpr.live.recorder import EventWriter, check_recorded, ends_early, write_whole
 from edge_vpr.live.state import StateFile, check_state_file
 from edge_vpr.live.stream_matcher import StreamMatcher
-from edge_vpr.online.schedule import MatchSchedule
+from edge_vpr.online.localiser import Localiser
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.results import check_new_file, check_new_map
 from edge_vpr.settings import Preset, Settings, resolve_settings
@@ -132,12 +132,10 @@ class SessionFiles:
         if self._settings is None and reference is not None:
             self._settings = reference.settings
 
-    def lock(
-        self, reference: ReferenceMap | None, every: MatchSchedule | None, say: Callable[..., None]
-    ) -> None:
+    def lock(self, localiser: Localiser | None, say: Callable[..., None]) -> None:
         """Read the state, which no other session can have until `release`."""
-        if self._state is not None and reference is not None:
-            self._state_file = StateFile(self._state, reference, every, say)
+        if self._state is not None and localiser is not None:
+            self._state_file = StateFile(self._state, localiser, say)
 
     def open(self, sensor: Sensor, stop: Callable[[], None], say: Callable[..., None]) -> None:
         """Open the recordings: last, so that a missing camera does not overwrite the run before.

@@ -23,8 +23,6 @@ from edge_vpr.archive import Arrays, archive_errors, archive_kind, read_archive,
 from edge_vpr.errors import EdgeVprError, UsageError, printable
 from edge_vpr.live.stream_matcher import StreamMatcher
 from edge_vpr.online.localiser import Localiser
-from edge_vpr.online.schedule import MatchSchedule
-from edge_vpr.reference_map import ReferenceMap
 
 KIND = "live state"
 #: Suffix of its file, so that it replaces neither a map nor a recording.
@@ -90,15 +88,13 @@ def since_boot_us() -> int:
     return time.clock_gettime_ns(time.CLOCK_BOOTTIME) // 1_000
 
 
-def read_state(path: Path, localiser: Localiser, checksum: str) -> Resumable | str | None:
+def read_state(path: Path, localiser: Localiser) -> Resumable | str | None:
     """Read the state of a file.
 
     Parameters
     ----------
     localiser : Localiser
-        A new one, which gets the state, and is of no use if the state is damaged.
-    checksum : str
-        Of this localiser, see `Localiser.checksum`.
+        That of the session, which stays as it is.
 
     Returns
     -------
@@ -110,12 +106,13 @@ def read_state(path: Path, localiser: Localiser, checksum: str) -> Resumable | s
     try:
         arrays, values = read_archive(path, KIND)
         with archive_errors(path, "delete it", KIND):
-            if values["of"] != checksum:
+            if values["of"] != localiser.checksum():
                 return "it is of another map, of other settings or of another edge-vpr"
-            localiser.resume(arrays, values["now_us"], values["floor_us"])
+            resumed = localiser.fresh()
+            resumed.resume(arrays, values["now_us"], values["floor_us"])
     except EdgeVprError:
         return "it is damaged, or is no state, or cannot be read"
-    return Resumable(localiser, values)
+    return Resumable(resumed, values)
 
 
 class StateFile:
@@ -126,10 +123,8 @@ class StateFile:
 
     Parameters
     ----------
-    reference : ReferenceMap
-        Map of the session.
-    every : MatchSchedule or None
-        Its schedule.
+    localiser : Localiser
+        Of the session, before its first event.
     say : callable
         Takes the kind and the text of a message, and `over`.
 
@@ -139,18 +134,11 @@ class StateFile:
         If another session has the file.
     """
 
-    def __init__(
-        self,
-        path: Path,
-        reference: ReferenceMap,
-        every: MatchSchedule | None,
-        say: Callable[..., None],
-    ) -> None:
-        localiser = Localiser(reference, every=every)
+    def __init__(self, path: Path, localiser: Localiser, say: Callable[..., None]) -> None:
         self._path, self._say = path, say
         self._lock = _Lock(path)
         self._checksum = localiser.checksum()
-        self._saved = read_state(path, localiser, self._checksum)
+        self._saved = read_state(path, localiser)
         self._writer: StateWriter | None = None
         self._reported = ""
 

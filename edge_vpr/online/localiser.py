@@ -497,6 +497,10 @@ class Localiser:
         meta = self._meta() | {"now_us": self.now_us, "floor_us": self.floor_us}
         write_archive(path, KIND, arrays, meta, overwrite=overwrite)
 
+    def fresh(self) -> Localiser:
+        """Return another localiser for the same map and schedule, before its first event."""
+        return Localiser(self._reference, every=self.every)
+
     def checksum(self) -> str:
         """Return a checksum of the map, the settings and the version, which a state belongs to."""
         arrays = map_arrays(self._reference) | {"places": self.places}
