@@ -208,34 +208,34 @@ class SettingField:
         value = self.expected or kinds.get(self.kind, "")
         return " or ".join([*[value] * bool(value), *self.words])
 
-    def value_of(self, given: Any) -> Any:
+    def value_of(self, stated: Any) -> Any:
         """Convert what a flag or a file contains to the value of the setting.
 
         Parameters
         ----------
-        given : object
+        stated : object
             A key of `words`, a text that `read` accepts, or the value itself, as in JSON and TOML.
         """
-        if isinstance(given, list) and self.kind is tuple:
-            return tuple(given)
-        if getattr(given, "shape", None) == () and hasattr(given, "item"):
-            return given.item()  # a number of NumPy, which help does not load
-        if not isinstance(given, str):
-            return given
-        if given in self.words:
-            return self.words[given]
+        if isinstance(stated, list) and self.kind is tuple:
+            return tuple(stated)
+        if getattr(stated, "shape", None) == () and hasattr(stated, "item"):
+            return stated.item()  # a number of NumPy, which help does not load
+        if not isinstance(stated, str):
+            return stated
+        if stated in self.words:
+            return self.words[stated]
         if self.kind is str:
-            return given
+            return stated
         try:
             if self.read is not None:
-                return self.read(given)
+                return self.read(stated)
             if self.words and self.is_number:
-                return self.value_of(self.kind(given))
+                return self.value_of(self.kind(stated))
         except (UsageError, ValueError):
             pass
         if not self.words and self.read is None:
-            return given  # of the wrong type: `check` will raise
-        raise UsageError(f"setting {self.key} = {shown(given)}: expected {self.accepted}")
+            return stated  # of the wrong type: `check` will raise
+        raise UsageError(f"setting {self.key} = {shown(stated)}: expected {self.accepted}")
 
     def word(self, value: Any) -> str:
         """Return a value as the text that a file or the flag takes."""
@@ -258,8 +258,8 @@ class SettingField:
                 f"setting {self.name} = {shown(value)} is of type {type(value).__name__}: "
                 f"expected {self.kind.__name__}{f', or {self.accepted}' if self.read else ''}"
             )
-        known = value in self.choices or (self.plugins and re.fullmatch(PLUGIN + r"\S+", value))
-        if self.choices and not known:
+        is_choice = value in self.choices or (self.plugins and re.fullmatch(PLUGIN + r"\S+", value))
+        if self.choices and not is_choice:
             raise UsageError(
                 f"setting {self.name} = {value!r}: choose from {', '.join(self.choices)}"
                 + f", {PLUGIN}NAME" * self.plugins
@@ -278,10 +278,10 @@ class SettingField:
         return self.least <= value <= self.most and above and below
 
 
-def attributes_section(known: Mapping[str, SettingField]) -> str:
+def attributes_section(fields: Mapping[str, SettingField]) -> str:
     """Return the "Attributes" section of the docstring of a dataclass of settings."""
     lines = ["    Attributes", "    ----------"]
-    for name, info in known.items():
+    for name, info in fields.items():
         kind = f"{{{', '.join(map(repr, info.choices))}}}" if info.choices else info.kind.__name__
         optional = ", optional" if None in info.words.values() else ""
         lines.append(f"    {name} : {kind}{optional}")
@@ -603,15 +603,15 @@ class Settings:
     @property
     def beyond_profile(self) -> str:
         """What to change for the nearest profile, in one sentence; empty if it is one already."""
-        found = self._beyond_profiles
-        if not found:
+        beyond = self._beyond_profiles
+        if not beyond:
             return ""
         name, values = (
             ("robot", "the place filter with contrast codes and windows of fixed time")
             if self.matching == "filter"
             else ("paper", "sequences of saturating counts")
         )
-        wanted = ", ".join(f"{key} = {value}" for key, value in found.items())
+        wanted = ", ".join(f"{key} = {value}" for key, value in beyond.items())
         return (
             "live matching and devices take two profiles: make the map with "
             f"{wanted} for {name}, {values}"
@@ -731,9 +731,9 @@ class Settings:
         source : str
             Where the values come from, for error messages.
         """
-        known = values_by_name(values, source)
+        by_name = values_by_name(values, source)
         try:
-            return replace(self, **known)
+            return replace(self, **by_name)
         except UsageError as error:
             raise UsageError(f"{source}: {error}") from None
 
@@ -820,8 +820,8 @@ def values_by_name(values: Mapping[str, Any], source: str) -> dict[str, Any]:
     if not isinstance(values, Mapping):
         raise UsageError(f"{source} is a {type(values).__name__}: expected names and values")
     by_key = {field.key: field for field in SETTING_FIELDS.values()}
-    found: dict[str, Any] = {}
-    for name, given in values.items():
+    by_name: dict[str, Any] = {}
+    for name, stated in values.items():
         field = by_key.get(name) or SETTING_FIELDS.get(name)
         if field is None:
             nearest = did_you_mean(str(name), [*by_key, *SETTING_FIELDS])
@@ -829,18 +829,18 @@ def values_by_name(values: Mapping[str, Any], source: str) -> dict[str, Any]:
                 f"{source} has the unknown setting {name!r}"
                 f"{nearest or ': choose from ' + ', '.join(sorted(by_key))}"
             )
-        if field.name in found:
+        if field.name in by_name:
             raise UsageError(f"{source} has both {field.key} and {field.name}: give one of them")
-        if field.name == f"{name}_us" and type(given) in (int, float):
+        if field.name == f"{name}_us" and type(stated) in (int, float):
             raise UsageError(
-                f"{source}: setting {name} = {shown(given)} has no unit: write for example "
+                f"{source}: setting {name} = {shown(stated)} has no unit: write for example "
                 f"{name} = '250ms', or give {field.name}"
             )
         try:
-            found[field.name] = field.value_of(given)
+            by_name[field.name] = field.value_of(stated)
         except UsageError as error:
             raise UsageError(f"{source}: {error}") from None
-    return found
+    return by_name
 
 
 # Named presets, and the settings that result from a preset, a TOML file and flags.
@@ -905,12 +905,12 @@ def resolve_settings(
     if not isinstance(preset, str) or preset not in PRESETS:
         raise UsageError(f"preset {shown(preset)} is unknown: choose from {', '.join(PRESETS)}")
     values = values_by_name(values, str(config))
-    given = {name: value for name, value in (flags or {}).items() if value is not None}
-    given = values_by_name(given, source)
-    for chosen in (values, given):
+    of_flags = {name: value for name, value in (flags or {}).items() if value is not None}
+    of_flags = values_by_name(of_flags, source)
+    for chosen in (values, of_flags):
         # contrast codes, which some presets have, exist for logarithms only
         if chosen.get("counter_code", "log") != "log" or chosen.get("clip"):
             chosen.setdefault("counter_scaling", "shared")
             if chosen.get("clip"):
                 chosen.setdefault("counter_code", "none")
-    return PRESETS[preset].replaced(values, str(config)).replaced(given, source)
+    return PRESETS[preset].replaced(values, str(config)).replaced(of_flags, source)

@@ -176,8 +176,8 @@ class GroundTruth(EqualByValue):
 
     def __repr__(self) -> str:
         places, queries = self.correct.shape
-        known = int(np.count_nonzero(self.known))
-        return f"GroundTruth({known} of {queries} queries known, {places} places)"
+        number = int(np.count_nonzero(self.known))
+        return f"GroundTruth({number} of {queries} queries known, {places} places)"
 
     def __post_init__(self) -> None:
         correct, known = self.correct, np.asarray(self.known)
@@ -274,7 +274,7 @@ class GroundTruth(EqualByValue):
 
 def _described_truth(
     correct: npt.NDArray[np.bool_] | TrueCells,
-    known: npt.NDArray[np.bool_],
+    judged: npt.NDArray[np.bool_],
     source: str,
     positions: TruePositions | None = None,
     placed: npt.NDArray[np.bool_] | None = None,
@@ -289,9 +289,9 @@ def _described_truth(
     """
     with_place = int(correct.any(axis=0).sum())
     description = (
-        f"{source}; {int(known.sum())} of {known.size} windows known, {with_place} with a place"
+        f"{source}; {int(judged.sum())} of {judged.size} windows known, {with_place} with a place"
     )
-    truth = GroundTruth(correct, known, description, positions, placed, tracks)
+    truth = GroundTruth(correct, judged, description, positions, placed, tracks)
     if truth.chance > MOST_CHANCE:
         raise GroundTruthError(
             f"{truth.chance:.0%} of all pairs of place and query count as the same place, so that "
@@ -381,13 +381,13 @@ def from_tracks(
     reference_us = _window_times(reference_times_us, "reference")
     places = positions_at(reference, reference_us, "reference track")
     queries = positions_at(query, _window_times(query_times_us, "query"), "query track")
-    known, placed = (np.isfinite(positions[:, 0]) for positions in (queries, places))
+    judged, placed = (np.isfinite(positions[:, 0]) for positions in (queries, places))
     correct = within(places, queries, partial(distances, reference.kind), tolerance_m)
-    whereabouts, alone = None, np.flatnonzero(known & ~correct.any(axis=0))
+    whereabouts, alone = None, np.flatnonzero(judged & ~correct.any(axis=0))
     if not placed.all():
         whereabouts = Whereabouts.of(reference, reference_us)
         for place in np.flatnonzero(~placed) if alone.size else ():
-            known[alone] &= ~whereabouts.may_be_within(place, queries[alone], tolerance_m)
+            judged[alone] &= ~whereabouts.may_be_within(place, queries[alone], tolerance_m)
     positions = TruePositions(places, queries, reference.kind, "m", tolerance_m, whereabouts)
     if not correct.any(axis=0).any():
         raise GroundTruthError(
@@ -398,7 +398,7 @@ def from_tracks(
         )
     return _described_truth(
         correct,
-        known,
+        judged,
         f"{reference.kind} tracks at {tolerance_m:g} m, "
         f"{int(placed.sum())} of {len(places)} places with a position",
         positions,
@@ -567,8 +567,8 @@ def from_alignment(
     queries = alignment.coordinate(_window_times(query_times_us, "query"), period)
     places = alignment.coordinate(_window_times(reference_times_us, "reference"), period)
     expected = interpolate(queries, points[:, 0], points[:, 1:])[:, 0]
-    known = ~np.isnan(expected)
-    if not known.any():
+    covered = ~np.isnan(expected)
+    if not covered.any():
         raise GroundTruthError(
             f"the alignment covers query {points[0, 0]:g} to {points[-1, 0]:g} and the queries lie "
             f"at {queries.min():g} to {queries.max():g}: check the unit and the frame period"
@@ -577,7 +577,7 @@ def from_alignment(
     unit = "frames" if alignment.unit == "frame" else "s"
     truth = _described_truth(
         correct,
-        known,
+        covered,
         f"alignment of {len(points)} points at {tolerance:g} {unit}",
         TruePositions(places[:, None], expected[:, None], "metric", unit, tolerance),
     )

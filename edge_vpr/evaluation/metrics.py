@@ -66,7 +66,7 @@ def evaluate_rejection(
     taken = np.cumsum(np.bincount(level, minlength=size)[::-1])
     right_taken = np.cumsum(np.bincount(level[correct], minlength=size)[::-1])
     precise = 100 * right_taken >= 99 * taken
-    found = int(right_taken[precise].max()) if precise.any() else 0
+    precise_correct = int(right_taken[precise].max()) if precise.any() else 0
     marked: dict[str, Any] = {}
     if accepted is not None:
         count, good = int(np.count_nonzero(accepted)), int(np.count_nonzero(correct & accepted))
@@ -79,7 +79,7 @@ def evaluate_rejection(
         on_map,
         len(trust) - on_map,
         n_correct / on_map if on_map else None,
-        found / on_map if on_map else None,
+        precise_correct / on_map if on_map else None,
         auroc(trust[has_place], trust[~has_place]),
         **marked,
     )

@@ -183,9 +183,9 @@ def numbers(
             raise _bad_length(path, header, number, row)
         for at, column in enumerate(columns):
             cell = row[column]
-            known = not (unknown and cell.lower() in UNKNOWN)
+            stated = not (unknown and cell.lower() in UNKNOWN)
             try:
-                table[number, at] = number_in(cell) if known else np.nan
+                table[number, at] = number_in(cell) if stated else np.nan
             except ValueError:
                 raise GroundTruthError(
                     f"{path}: row {number + 1} has {cell[:40]!r} in {header[column]}: expected a "
@@ -224,8 +224,8 @@ def load_odometry(path: str | Path | TableData) -> Odometry:
     """
     names = column_names(path)
     if names is not None:
-        given, path = path, Path("the odometry data")
-        header, rows = cells_of(given, names, path)
+        columns, path = path, Path("the odometry data")
+        header, rows = cells_of(columns, names, path)
         table = numbers(path, header, rows, range(len(header)))
     else:
         path = as_path(path, "odometry")
@@ -254,12 +254,12 @@ def load_odometry(path: str | Path | TableData) -> Odometry:
             f"{MOST_MM // 1000}"
         )
     try:
-        found = Odometry(
+        odometry = Odometry(
             np.rint(time_s * 1e6).astype(np.int64), np.rint(values * 1e3).astype(np.int64)
         )
     except UsageError as error:
         raise GroundTruthError(f"{path}: {error}") from None
-    return _without_leaps(path, found)
+    return _without_leaps(path, odometry)
 
 
 def _without_leaps(path: Path, odometry: Odometry) -> Odometry:

@@ -148,8 +148,8 @@ def format_of(name: str) -> Format:
         return FORMATS[name]
     plugin = _PLUGINS.load(name)
     if plugin is None:
-        known = ", ".join([*FORMATS, *_PLUGINS.names()])
-        raise UsageError(f"format {name!r} is unknown: choose one of {known}")
+        formats = ", ".join([*FORMATS, *_PLUGINS.names()])
+        raise UsageError(f"format {name!r} is unknown: choose one of {formats}")
     module, title = plugin.__name__, getattr(plugin, "TITLE", name)
     sink = f"{module}:open_sink" if hasattr(plugin, "open_sink") else ""
     return Format(name, title, f"{module}:open_source", sink, tuple(plugin.SUFFIXES))
@@ -331,10 +331,10 @@ def sniff(path: Path) -> str:
                 f"{path} has no header that names its encoding: pass format=, one of evt2, "
                 "evt21 and evt3"
             )
-        known = ", ".join(sorted({s for f in FORMATS.values() for s in f.suffixes}))
+        suffixes = ", ".join(sorted({s for f in FORMATS.values() for s in f.suffixes}))
         raise RecordingError(
-            f"{path} has no known format: known are {known}, and folders of PNG, of .npy or of a "
-            "ROS 2 bag; name the format with format= if the suffix is wrong"
+            f"{path} has no known format: known are {suffixes}, and folders of PNG, of .npy or of "
+            "a ROS 2 bag; name the format with format= if the suffix is wrong"
         )
     return name
 

@@ -112,9 +112,9 @@ class Aedat2Source(Source):
             )
         self._sensor = size or options.sensor or options.default.sensor or Sensor(0, 0)
         if self._sensor not in _CHIPS.values():
-            known = ", ".join(sorted({str(each) for each in _CHIPS.values()}))
+            sensors = ", ".join(sorted({str(each) for each in _CHIPS.values()}))
             raise UsageError(
-                f"{path} does not name the chip that recorded it: pass sensor=, one of {known}, "
+                f"{path} does not name the chip that recorded it: pass sensor=, one of {sensors}, "
                 "of which 128x128 is a DVS128 and each other one a DAVIS"
             )
         # without a name, 128x128 is the older and far more common chip
@@ -474,8 +474,8 @@ def _streams(info: str) -> dict[int, Stream]:
     for node in ElementTree.fromstring(info).iterfind("./node[@name='outInfo']/node"):
         facts = {attr.get("key"): attr.text or "" for attr in node.iterfind("attr")}
         size = {a.get("key"): a.text or "" for a in node.iterfind("./node[@name='info']/attr")}
-        known = {"sizeX", "sizeY"} <= size.keys()
-        sensor = Sensor(int(size["sizeX"]), int(size["sizeY"])) if known else None
+        states_size = {"sizeX", "sizeY"} <= size.keys()
+        sensor = Sensor(int(size["sizeX"]), int(size["sizeY"])) if states_size else None
         number = int(node.get("name", ""))
         name = facts.get("originalOutputName", str(number))
         streams[number] = Stream(facts.get("typeIdentifier", ""), name, sensor)

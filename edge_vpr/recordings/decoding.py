@@ -282,16 +282,16 @@ def choose_stream(
     UsageError
         If there are several.
     """
-    found = [number for number, name in names.items() if wanted in (None, name, str(number))]
+    numbers = [number for number, name in names.items() if wanted in (None, name, str(number))]
     listed = ", ".join(f"{number} ({name})" for number, name in names.items()) or "none"
-    if not found:
+    if not numbers:
         raise RecordingError(
             f"{path} has no {wording.one}{f' {wanted!r}' if wanted else ''}; it has: {listed}: "
             f"{wording.remedy}, or choose one of these with topic="
         )
-    if len(found) > 1:
+    if len(numbers) > 1:
         raise UsageError(f"{path} has several {wording.several}, {listed}: choose with topic=")
-    return found[0]
+    return numbers[0]
 
 
 # Decompression with a limit: a few bytes cannot become gigabytes of memory.

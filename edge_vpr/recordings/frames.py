@@ -426,13 +426,13 @@ class CountFrames:
 
     def _read_layout(self) -> None:
         with Archive(self.path) as archive:
-            found = [name for name in ("frames", "counts") if name in archive.names]
-            if len(found) != 1:
+            arrays = [name for name in ("frames", "counts") if name in archive.names]
+            if len(arrays) != 1:
                 raise RecordingError(
                     f"{self.path} holds {', '.join(sorted(archive.names)) or 'nothing'}: "
                     "count frames need the array frames (F,H,W) or counts (F,J)"
                 )
-            self._name = found[0]
+            self._name = arrays[0]
             stream = archive.stream(self._name)
             dimensions = 3 if self._name == "frames" else 2
             if (
@@ -508,7 +508,7 @@ def read_count_frames(path: str | Path) -> CountFrames:
         return CountFrames(path)
 
 
-def parse_period(given: Fraction | float | str) -> Fraction:
+def parse_period(duration: Fraction | float | str) -> Fraction:
     """Return the exact period of a frame in seconds, of a number or of text such as ``1/30``.
 
     Warns
@@ -518,19 +518,19 @@ def parse_period(given: Fraction | float | str) -> Fraction:
         was parsed before, gives no warning.
     """
     period = Fraction(0)
-    if isinstance(given, Fraction):
-        period = given
-    elif isinstance(given, str):
+    if isinstance(duration, Fraction):
+        period = duration
+    elif isinstance(duration, str):
         with suppress(ValueError, ZeroDivisionError):
-            period = Fraction(given)
-    elif isinstance(given, int | float) and 0 < given < 1 << 31 and given is not True:
-        period = Fraction(given).limit_denominator(1_000_000)
+            period = Fraction(duration)
+    elif isinstance(duration, int | float) and 0 < duration < 1 << 31 and duration is not True:
+        period = Fraction(duration).limit_denominator(1_000_000)
     if not 0 < period < 1 << 31:
-        raise UsageError(f"frame period {given!r} is no positive number: write for example 1/30")
-    if period > 1 and not isinstance(given, Fraction):
+        raise UsageError(f"frame period {duration!r} is no positive number: write for example 1/30")
+    if period > 1 and not isinstance(duration, Fraction):
         warnings.warn(
-            f"frame_period={given}: a frame lasts {float(period):g} s; if there are so many frames "
-            f"a second, give frame_period='{1 / period}'",
+            f"frame_period={duration}: a frame lasts {float(period):g} s; if there are so many "
+            f"frames a second, give frame_period='{1 / period}'",
             EdgeVprWarning,
             stacklevel=3,
         )

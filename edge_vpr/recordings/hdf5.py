@@ -188,13 +188,13 @@ class Hdf5Source(Source):
         def visit(name: str, item: Any) -> None:
             if isinstance(item, self._h5py.Group):
                 flat = [key for key in item if (c := self._dataset(item, key)) and c.ndim == 1]
-                if found := match_columns(flat):
-                    places[name] = dict(found.fields), found.unit
+                if matched := match_columns(flat):
+                    places[name] = dict(matched.fields), matched.unit
             elif not isinstance(item, self._h5py.Dataset):
                 return
             elif item.dtype.names is not None and item.ndim == 1:
-                if found := match_columns(item.dtype.names, options.columns):
-                    places[name] = dict(found.fields), found.unit
+                if matched := match_columns(item.dtype.names, options.columns):
+                    places[name] = dict(matched.fields), matched.unit
             elif item.ndim == 2 and options.columns and item.shape[1] == len(options.columns):
                 places[name] = {c: i for i, c in enumerate(options.columns) if c != "-"}, None
 

@@ -37,15 +37,15 @@ _PLACE = Path("the event data")
 FORMAT = "memory"
 
 
-def is_event_data(given: object) -> bool:
+def is_event_data(recording: object) -> bool:
     """Return whether an object is events in memory or a data set of them, not a recording."""
-    if hasattr(given, "sensor"):  # an `EventSource`, which can be a named tuple
+    if hasattr(recording, "sensor"):  # an `EventSource`, which can be a named tuple
         return False
     return (
-        isinstance(given, Events | np.ndarray | tuple | list)
-        or column_names(given) is not None
-        or hasattr(given, "__array__")
-        or _is_data_set(given)
+        isinstance(recording, Events | np.ndarray | tuple | list)
+        or column_names(recording) is not None
+        or hasattr(recording, "__array__")
+        or _is_data_set(recording)
     )
 
 
@@ -58,16 +58,16 @@ def column_names(table: object) -> list[str] | None:
     return [str(name) for name in table] if isinstance(table, Mapping) else None
 
 
-def _is_data_set(given: object) -> bool:
+def _is_data_set(recording: object) -> bool:
     """Return whether an object is a data set of tonic, whose classes are not imported here."""
-    return all(hasattr(given, name) for name in ("sensor_size", "__len__", "__getitem__"))
+    return all(hasattr(recording, name) for name in ("sensor_size", "__len__", "__getitem__"))
 
 
-def _is_sample(given: object) -> bool:
+def _is_sample(recording: object) -> bool:
     """Return whether an object is a pair of events and their target."""
-    if not isinstance(given, tuple | list) or len(given) != 2:
+    if not isinstance(recording, tuple | list) or len(recording) != 2:
         return False
-    events = given[0]
+    events = recording[0]
     return (
         isinstance(events, Events)
         or column_names(events) is not None
@@ -75,17 +75,17 @@ def _is_sample(given: object) -> bool:
     )
 
 
-def _refuse_several(given: object) -> None:
+def _refuse_several(recording: object) -> None:
     """Refuse a sequence of recordings, of which the first would look like a sample's events."""
-    if not isinstance(given, tuple | list):
+    if not isinstance(recording, tuple | list):
         return
-    several = sum(_is_recording(each) for each in given)
-    if all(isinstance(each, str | Path) for each in given):
-        several = len(given)
-    if several > 1 or several == len(given) == 1:
-        parts = all(isinstance(each, Events | np.ndarray) for each in given)
+    several = sum(_is_recording(each) for each in recording)
+    if all(isinstance(each, str | Path) for each in recording):
+        several = len(recording)
+    if several > 1 or several == len(recording) == 1:
+        parts = all(isinstance(each, Events | np.ndarray) for each in recording)
         raise UsageError(
-            f"a drive is one recording, and the {type(given).__name__} holds {several}: give "
+            f"a drive is one recording, and the {type(recording).__name__} holds {several}: give "
             + ("np.concatenate of them if they are parts of one drive, else " * parts)
             + "one of them; a map learns further drives by route.update(recording)"
         )
@@ -111,29 +111,29 @@ class MemorySource(Source):
     options : ReadOptions
     """
 
-    def __init__(self, given: Any, options: ReadOptions) -> None:
+    def __init__(self, recording: Any, options: ReadOptions) -> None:
         if options.topic is not None:
             raise UsageError("topic= is for files: leave it out for events in memory")
-        if _is_data_set(given):
-            if len(given) != 1:
+        if _is_data_set(recording):
+            if len(recording) != 1:
                 raise UsageError(
-                    f"the data set holds {len(given):,} recordings, and a drive is one: give the "
-                    "events of one, dataset[0][0], with sensor=dataset.sensor_size; a map learns "
-                    "further drives by route.update(dataset[1][0])"
+                    f"the data set holds {len(recording):,} recordings, and a drive is one: give "
+                    "the events of one, dataset[0][0], with sensor=dataset.sensor_size; a map "
+                    "learns further drives by route.update(dataset[1][0])"
                 )
-            options = replace(options, sensor=options.sensor or Sensor.of(given.sensor_size))
-            given = given[0]
-        _refuse_several(given)
-        if _is_sample(given):
-            given = given[0]
-        self._columns, self._unit = _columns_of(given, options)
+            options = replace(options, sensor=options.sensor or Sensor.of(recording.sensor_size))
+            recording = recording[0]
+        _refuse_several(recording)
+        if _is_sample(recording):
+            recording = recording[0]
+        self._columns, self._unit = _columns_of(recording, options)
         sizes = {name: column.shape for name, column in self._columns.items()}
         if len(set(sizes.values())) > 1:
             listed = ", ".join(f"{name} {shape}" for name, shape in sizes.items())
             raise RecordingError(f"the event data has columns of shapes {listed}: give equal ones")
         # times of this package's own arrays count from the start of their recording
-        own = isinstance(given, Events) or (
-            isinstance(given, np.ndarray) and given.dtype == EVENT_DTYPE
+        own = isinstance(recording, Events) or (
+            isinstance(recording, np.ndarray) and recording.dtype == EVENT_DTYPE
         )
         super().__init__(_PLACE, options, start_us=0 if own else None)
 
@@ -146,36 +146,38 @@ class MemorySource(Source):
             yield tidy(part, self._unit, log, first)
 
 
-def _columns_of(given: Any, options: ReadOptions) -> tuple[dict[str, npt.NDArray[Any]], str | None]:
+def _columns_of(
+    recording: Any, options: ReadOptions
+) -> tuple[dict[str, npt.NDArray[Any]], str | None]:
     """Return the columns t, x, y and perhaps p as arrays, and the unit of t if it is stated."""
     order = options.columns
-    if isinstance(given, Events):
-        return dict(zip("txyp", given.columns, strict=True)), options.time_unit
-    if (names := column_names(given)) is not None:
+    if isinstance(recording, Events):
+        return dict(zip("txyp", recording.columns, strict=True)), options.time_unit
+    if (names := column_names(recording)) is not None:
         named = match_columns(names, order)
         if named is None:
             raise RecordingError(
                 f"the event data has the columns {', '.join(names)}, and not t, x, y, p: "
                 "name all of them in their order with columns='xytp', for example"
                 + ", or make a column of the index (reset_index)"
-                * hasattr(given, "reset_index")
+                * hasattr(recording, "reset_index")
             )
-        found = {name: np.asarray(given[field]) for name, field in named.fields.items()}
-        return found, options.time_unit or named.unit
-    if isinstance(given, tuple | list):
-        wanted = order or "txyp"[: len(given)]
-        if len(given) < 3 or len(given) != len(wanted):
+        columns = {name: np.asarray(recording[field]) for name, field in named.fields.items()}
+        return columns, options.time_unit or named.unit
+    if isinstance(recording, tuple | list):
+        wanted = order or "txyp"[: len(recording)]
+        if len(recording) < 3 or len(recording) != len(wanted):
             raise UsageError(
-                f"the event data is a sequence of {len(given)}: give t, x, y and p as four "
+                f"the event data is a sequence of {len(recording)}: give t, x, y and p as four "
                 "arrays, or name their order with columns='xytp', for example; of a data set's "
                 "sample its events, such as dataset[0][0]"
             )
-        arrays = [np.asarray(column) for column in given]
-        found = {name: a for name, a in zip(wanted, arrays, strict=True) if name != "-"}
-        return found, options.time_unit
-    array = np.asarray(given)
+        arrays = [np.asarray(column) for column in recording]
+        columns = {name: a for name, a in zip(wanted, arrays, strict=True) if name != "-"}
+        return columns, options.time_unit
+    array = np.asarray(recording)
     if array.ndim == 0:
-        raise UsageError(f"the event data is {kind_of(given)}: give an array of events")
+        raise UsageError(f"the event data is {kind_of(recording)}: give an array of events")
     if array.ndim > 2:
         raise UsageError(
             f"the event data has shape {array.shape}: if these are frames of counts, save them as "

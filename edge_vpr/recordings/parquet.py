@@ -35,16 +35,16 @@ class ParquetSource(Source):
         with self._open(path) as file:
             schema = file.schema_arrow
             self._rows = file.metadata.num_rows
-        found = match_columns(schema.names, options.columns)
-        if found is None:
+        matched = match_columns(schema.names, options.columns)
+        if matched is None:
             raise RecordingError(
                 f"{path} has the columns {', '.join(schema.names)}, and not t, x, y, p: name all "
                 "of them in their order with columns="
             )
-        self._names = found.fields
+        self._names = matched.fields
         self._check_types(path, schema)
         super().__init__(path, options)
-        self._unit = options.time_unit or found.unit
+        self._unit = options.time_unit or matched.unit
 
     def _open(self, path: Path) -> Any:
         return self._pyarrow.parquet.ParquetFile(

@@ -49,8 +49,8 @@ class Header(NamedTuple):
         stated = self.fields.get("format") or self.fields.get("evt")
         if stated is None:
             return None
-        known = _FORMATS if "format" in self.fields else _VERSIONS
-        if name := known.get(stated.split(";")[0].strip().upper()):
+        encodings = _FORMATS if "format" in self.fields else _VERSIONS
+        if name := encodings.get(stated.split(";")[0].strip().upper()):
             return name
         raise RecordingError(
             f"Prophesee encoding {stated!r} is not read: convert it to EVT2, EVT2.1 or EVT3"

@@ -454,7 +454,7 @@ class TimeCrop:
         return start, end
 
 
-def seconds_us(given: float | str, name: str) -> int:
+def seconds_us(seconds: float | str, name: str) -> int:
     """Read seconds exactly, such as ``1587452582.35`` or ``1/30``, as microseconds.
 
     Parameters
@@ -467,7 +467,7 @@ def seconds_us(given: float | str, name: str) -> int:
     int
         Rounded to the nearest, halves to even.
     """
-    text = str(given)
+    text = str(seconds)
     # 1e999999999 would fill the memory
     if len(text) <= 40 and "e" not in text.lower():
         with contextlib.suppress(ValueError, ZeroDivisionError):

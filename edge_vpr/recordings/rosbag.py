@@ -178,12 +178,12 @@ class Cursor:
         # in CDR the first structure may be aligned in another way than the others, which are alike
         ends, places = [self._at], list[list[int]]()
         for _ in range(3):
-            at, found = ends[-1], []
+            at, starts = ends[-1], []
             for kind in fields.values():
-                found.append(self.aligned(at, kind))
-                at = found[-1] + struct.calcsize(kind)
+                starts.append(self.aligned(at, kind))
+                at = starts[-1] + struct.calcsize(kind)
             ends.append(at)
-            places.append(found)
+            places.append(starts)
         stride = ends[3] - ends[2]
         end = ends[min(n, 2)] + max(n - 2, 0) * stride
         if end > len(self._data):
@@ -293,8 +293,8 @@ class ArrayLayout:
 
     def read_before(self, cursor: Cursor) -> Sensor | None:
         """Read the fields before the events, and return the size of the sensor, if it is there."""
-        found = {field: self._read(cursor, kind) for field, kind in self._before}
-        sides = [found.get(name) for name in ("width", "height")]
+        fields = {field: self._read(cursor, kind) for field, kind in self._before}
+        sides = [fields.get(name) for name in ("width", "height")]
         width, height = (side if isinstance(side, int) else 0 for side in sides)
         return Sensor(width, height) if width else None
 
@@ -591,21 +591,21 @@ class BagSource(Source):
 
 def _choose(connections: Any, wanted: str | None, path: Path) -> tuple[Any, ArrayLayout | None]:
     """Return the connection to read, and its layout if that is not one of those known here."""
-    known = list[tuple[Any, ArrayLayout | None]]()
+    of_events = list[tuple[Any, ArrayLayout | None]]()
     for connection in connections:
         ours = connection.msgtype in _ARRAYS + _PACKETS
         layout = None if ours else _layout_of(connection)
         if (ours or layout is not None) and wanted in (None, connection.topic):
-            known.append((connection, layout))
+            of_events.append((connection, layout))
     topics = {c.topic: c.msgtype for c in connections}
-    if not known:
+    if not of_events:
         listed = ", ".join(f"{topic} ({kind})" for topic, kind in topics.items()) or "none"
         raise RecordingError(
             f"{path} has no events on {wanted or 'any topic'}; its topics are: {listed}: events "
             "are in dvs_msgs/EventArray, event_camera_msgs/EventPacket, and in other messages "
             "whose definition is in the bag, with a list of x, y and time"
         )
-    names = list(dict.fromkeys(c.topic for c, _ in known))
+    names = list(dict.fromkeys(c.topic for c, _ in of_events))
     if len(names) > 1:
         raise UsageError(f"{path} has events on {', '.join(names)}: choose one with topic=")
-    return known[0]
+    return of_events[0]

@@ -108,13 +108,13 @@ def array_columns(
         If the array holds no events.
     """
     if dtype.names is not None and len(shape) == 1:
-        found = match_columns(dtype.names, order)
-        if found is None:
+        matched = match_columns(dtype.names, order)
+        if matched is None:
             raise RecordingError(
                 f"{name} has the fields {', '.join(dtype.names)}, and not "
                 "t, x, y, p: name all of them in their order with columns="
             )
-        return ArrayColumns({**found.fields}, found.unit)
+        return ArrayColumns({**matched.fields}, matched.unit)
     if len(shape) == 2 and dtype.kind in "iuf":
         wanted = order or ("txy" if shape[1] == 3 else "txyp")
         if shape[1] == len(wanted):
@@ -155,7 +155,7 @@ def match_columns(names: Iterable[str], order: str | None = None) -> Named | Non
         ordered = dict(zip(order, names, strict=True))
         unit = _parse_name(ordered["t"])[1]
         return Named({column: ordered[column] for column in "txyp" if column in ordered}, unit)
-    found: dict[str, tuple[int, str]] = {}
+    names_of: dict[str, tuple[int, str]] = {}
     times: dict[str, str] = {}
     parts: dict[str, dict[str, str]] = {}
     for name in names:
@@ -165,10 +165,10 @@ def match_columns(names: Iterable[str], order: str | None = None) -> Named | Non
             parts.setdefault(whose, {})[part] = name
         for column, aliases in ALIASES.items():
             if base in aliases:
-                found[column] = min(found.get(column, (99, "")), (aliases.index(base), name))
+                names_of[column] = min(names_of.get(column, (99, "")), (aliases.index(base), name))
                 if column == "t" and unit is not None:
                     times[name] = unit
-    fields = {column: name for column, (_, name) in found.items()}
+    fields = {column: name for column, (_, name) in names_of.items()}
     if {"x", "y"} <= fields.keys() and fields.get("t") in (None, *times):
         _refuse_parts(parts.values())
     if len(set(times.values())) > 1:
@@ -229,7 +229,7 @@ def microseconds(
     -------
     us : ndarray of int64, shape (n,)
         0 if there is no time.
-    known : ndarray of bool, shape (n,)
+    valid : ndarray of bool, shape (n,)
         False for NaN, NaT, and times beyond 2**60 us.
 
     Notes
@@ -250,17 +250,17 @@ def microseconds(
     if times.dtype.kind == "f":
         with np.errstate(invalid="ignore", over="ignore"):
             scaled = np.rint(times.astype(np.float64) * float(scale))
-            known = np.abs(scaled) <= TIME_LIMIT_US
-        return np.where(known, scaled, 0).astype(np.int64), known
+            valid = np.abs(scaled) <= TIME_LIMIT_US
+        return np.where(valid, scaled, 0).astype(np.int64), valid
     # no product may overflow: 2**60 us leaves 3 bits
     longest = math.floor(min(TIME_LIMIT_US / scale, Fraction(2**62, scale.numerator)))
-    known = times <= longest
+    valid = times <= longest
     if times.dtype.kind != "u":
-        known &= times >= -longest
+        valid &= times >= -longest
     if missing is not None:
-        known &= ~missing
-    whole = np.where(known, times, times.dtype.type(0)).astype(np.int64)
-    return whole * scale.numerator // scale.denominator, known
+        valid &= ~missing
+    whole = np.where(valid, times, times.dtype.type(0)).astype(np.int64)
+    return whole * scale.numerator // scale.denominator, valid
 
 
 def tidy(
@@ -295,10 +295,10 @@ def tidy(
     if columns["t"].dtype.kind == "f":
         _check_float_times(log.path, columns["t"].dtype, unit)
     try:
-        t, known = microseconds(columns["t"], unit)
+        t, timed = microseconds(columns["t"], unit)
     except ValueError as error:
         raise RecordingError(f"{log.path}: {error}: save microseconds") from error
-    good = known.copy()
+    good = timed.copy()
     for name in "xyp":
         column = columns[name]
         if column.dtype.kind == "f":

@@ -56,8 +56,11 @@ def calibrate(reference: ReferenceMap, matches: Matches, truth: GroundTruth) -> 
     from edge_vpr.evaluation.calibration import learn_confidence, reliability
     from edge_vpr.evaluation.metrics import evaluate
 
-    found = evaluate(matches, truth)
-    trust, correct = matches.net_trust[found.evaluated], found.correct[found.evaluated]
+    evaluation = evaluate(matches, truth)
+    trust, correct = (
+        matches.net_trust[evaluation.evaluated],
+        evaluation.correct[evaluation.evaluated],
+    )
     confidence = learn_confidence(trust, correct)
     changed = reference.settings.of_trust != matches.settings.of_trust
     if changed:
@@ -66,7 +69,7 @@ def calibrate(reference: ReferenceMap, matches: Matches, truth: GroundTruth) -> 
         kept = {name: of_map[name] for name in ("precision", "stays_on_map")}
         settings = reference.settings.replaced(taken | kept, "the matches")
         reference = replace(reference, settings=settings)
-    before = found.reliability
+    before = evaluation.reliability
     within = reliability(confidence.probability_of(trust), correct)
     return Calibrated(
         reference=replace(reference, confidence=confidence),
@@ -74,7 +77,7 @@ def calibrate(reference: ReferenceMap, matches: Matches, truth: GroundTruth) -> 
         settings_changed=changed,
         matches=int(trust.size),
         correct=int(correct.sum()),
-        off_map=found.rejection.off_map,
+        off_map=evaluation.rejection.off_map,
         error_before=None if before is None else before.expected_calibration_error,
         error=within.expected_calibration_error,
     )
@@ -100,38 +103,41 @@ def run(args: argparse.Namespace) -> None:
         results.check_new_map(output, [folder, *files.files], args.overwrite)
     result, truth, _ = load_evaluated(folder, files)
     crowded = not (folder / results.QUERIES).is_file() and _every(folder) != "window"
-    found = calibrate(result.reference, result.matches, truth)
-    if found.settings_changed:
+    calibration = calibrate(result.reference, result.matches, truth)
+    if calibration.settings_changed:
         note(
             f"{output} has the settings that the drive was matched with; the table holds for these"
         )
     # without -o, the results' own map gets the table
-    found.reference.save(output, overwrite=args.overwrite or args.output is None)
+    calibration.reference.save(output, overwrite=args.overwrite or args.output is None)
 
-    if found.matches < LEAST_MATCHES:
-        note(f"{found.matches} matches are few to learn probabilities from: calibrate with more")
+    if calibration.matches < LEAST_MATCHES:
+        note(
+            f"{calibration.matches} matches are few to learn probabilities from: calibrate with "
+            "more"
+        )
     if crowded:
         note(
             "matches after every event are almost copies of each other, so that the "
             "probabilities are more extreme than the drive justifies: calibrate from matches "
             "without --online, or with --every window"
         )
-    if found.off_map == 0:
+    if calibration.off_map == 0:
         note(
             "every query of this drive is on the map: on drives that leave it, the probabilities "
             "will be too high"
         )
     before = ""
-    if found.error_before is not None:
-        before = f"; the table used before was off by {found.error_before:.3f} on average"
-    table = found.confidence
+    if calibration.error_before is not None:
+        before = f"; the table used before was off by {calibration.error_before:.3f} on average"
+    table = calibration.confidence
     summary(
-        f"{output}: probabilities in {len(table.trust)} steps from {found.matches} matches, "
-        f"{found.correct} of them correct{before}"
+        f"{output}: probabilities in {len(table.trust)} steps from {calibration.matches} matches, "
+        f"{calibration.correct} of them correct{before}"
     )
     summary(
         f"they range from {table.probability[0]:.3f} to {table.probability[-1]:.3f}, and are off "
-        f"by {found.error:.3f} on the drive that they were learnt from"
+        f"by {calibration.error:.3f} on the drive that they were learnt from"
     )
 
 

@@ -62,18 +62,18 @@ def run(args: argparse.Namespace) -> None:
     first.keep(partial(tracked, label="simulating the reference drive"))
     label = "simulating the query drive: other speed, other light, other traffic"
     second.keep(partial(tracked, label=label))
-    rows, found = [], []
+    rows, judged_results = [], []
     with status("mapping and matching") as show:
         for name, (preset, changes) in _METHODS.items():
             show(name)
             mapped = ReferenceMap.build(first, preset, track=first.track, **changes)
             result = mapped.match(second)
             judged = result.evaluate((first.track, second.track), _TOLERANCE_M)
-            found.append((result, judged))
+            judged_results.append((result, judged))
             share, recall = judged.precision_at_100_recall, judged.recall_at_99_precision
             size = f"{result.reference.packed_bytes_per_window:,}"
             rows.append((name, f"{share:.3f}", f"{recall:.3f}", size))
-        result, judged = found[0]
+        result, judged = judged_results[0]
         show("drawing the report")
         with results.results_folder(output, args.overwrite) as folder:
             result.write(folder, ())

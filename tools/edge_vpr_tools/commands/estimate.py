@@ -49,23 +49,23 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--event-rate", type=float, metavar="N",
         help=f"events per second of the sensor (default: the map's, or {EVENT_RATES[1]:g})",
     )  # fmt: skip
-    asked = parser.add_argument_group("answers")
-    asked.add_argument(
+    answers = parser.add_argument_group("answers")
+    answers.add_argument(
         "--target", action="append", metavar="NAME",
         help="processor or FPGA to estimate for, or a TOML file that describes one; may be "
         "repeated (default: all)",
     )  # fmt: skip
-    asked.add_argument(
+    answers.add_argument(
         "--fit", action="append", metavar="LIMIT", default=[],
         help="limit such as flash=256KiB, ram=32KiB, 64KiB (both together) or 10mW; may be "
         "repeated; recommends pixels, bits and places per window for each target, or says whether "
         "the design of --map or --design fits",
     )  # fmt: skip
-    asked.add_argument(
+    answers.add_argument(
         "--sources", action="store_true",
         help="print all assumptions, and the source of each constant",
     )  # fmt: skip
-    add_json_flag(asked, "all results, with low and high")
+    add_json_flag(answers, "all results, with low and high")
 
 
 class Asked(NamedTuple):
@@ -168,14 +168,14 @@ def run(args: argparse.Namespace) -> None:
         show.show_recommended(recommended, budgets, mission)
         values["recommended"] = {of.name: one for of, one in recommended.items()}
     else:
-        found = {
+        estimates = {
             of: search.on_target(design, mission, search.Limits(of, budgets)) for of in targets
         }
         at_rates = {
             of: {rate: cost(design, of, mission.at_rate(rate, design)) for rate in EVENT_RATES}
             for of in targets
         }
-        show.show_design(found, at_rates, rate_is, budgets)
+        show.show_design(estimates, at_rates, rate_is, budgets)
         values |= {
             "design": design,
             "sizes": sizes(design),
@@ -189,7 +189,7 @@ def run(args: argparse.Namespace) -> None:
                         f"{rate:.0f}": each.matches_per_joule for rate, each in at_rates[of].items()
                     },
                 }
-                for of, one in found.items()
+                for of, one in estimates.items()
             },
         }
     if args.sources:

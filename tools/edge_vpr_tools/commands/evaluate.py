@@ -127,12 +127,12 @@ def run(args: argparse.Namespace) -> None:
             recall_denominator=args.recall_denominator,
         )
 
-    found = judged(truth)
+    evaluation = judged(truth)
     if others and truth.positions is None:
         raise UsageError(
             f"{args.ground_truth[0]} itself says which matches are correct: leave --tolerance out"
         )
-    evaluations = {} if first is None or truth.positions is None else {first: found}
+    evaluations = {} if first is None or truth.positions is None else {first: evaluation}
     for tolerance in others:
         evaluations[tolerance] = judged(truth_of(result, replace(files, tolerance=tolerance)))
     by_tolerance = {one.truth.tolerance_text: one for one in evaluations.values()}
@@ -140,7 +140,7 @@ def run(args: argparse.Namespace) -> None:
     metrics["ground_truth"] = truth.description
     metrics["facts"] = lines = result.facts(truth)
     metrics["truth"] = files
-    metrics["evaluation"] = found.to_dict()
+    metrics["evaluation"] = evaluation.to_dict()
     metrics["tolerances"] = [
         {"tolerance": each, "unit": truth.error_unit, **one.shares()}
         for each, one in evaluations.items()
@@ -149,7 +149,7 @@ def run(args: argparse.Namespace) -> None:
     route = reference.route
     if route is None and truth.tracks is not None:
         route = with_positions(reference, truth.tracks[0]).route
-    outcome = outcome_of(reference, matches, found)
+    outcome = outcome_of(reference, matches, evaluation)
     metrics["verdict"] = outcome.sentence()
     write_report(folder, result, outcome, formats, route, warnings_so_far(), by_tolerance)
     write_json(folder / results.METRICS, metrics)
@@ -158,17 +158,19 @@ def run(args: argparse.Namespace) -> None:
 
     summary(outcome.sentence())
     summary(
-        f"P@100R {found.precision_at_100_recall:.3f}   R@99P {found.recall_at_99_precision:.3f}   "
-        f"average precision {found.average_precision:.3f}   "
-        + "   ".join(f"Recall@{n} {recall:.3f}" for n, recall in found.recall_at.items())
+        f"P@100R {evaluation.precision_at_100_recall:.3f}   "
+        f"R@99P {evaluation.recall_at_99_precision:.3f}   "
+        f"average precision {evaluation.average_precision:.3f}   "
+        + "   ".join(f"Recall@{n} {recall:.3f}" for n, recall in evaluation.recall_at.items())
     )
     if others:
         table(*tolerance_table(by_tolerance), width=_WIDTH)
     summary(
-        f"{found.queries} of {len(matches)} matches judged, {found.queries_without_place} of them "
-        f"off the map, {found.queries_tied} tied; by {truth.description}"
+        f"{evaluation.queries} of {len(matches)} matches judged, "
+        f"{evaluation.queries_without_place} of them off the map, "
+        f"{evaluation.queries_tied} tied; by {truth.description}"
     )
-    _print_trust(matches, found)
+    _print_trust(matches, evaluation)
     print_facts(lines)
     summary(
         'R@99P takes its threshold from this truth, "accepted" does not; recall counts a query as '
@@ -176,12 +178,12 @@ def run(args: argparse.Namespace) -> None:
     )
 
 
-def _print_trust(matches: Matches, found: Evaluation) -> None:
+def _print_trust(matches: Matches, evaluation: Evaluation) -> None:
     """Print figures on probabilities, rejected matches and queries off the map."""
-    rejection = found.rejection
-    if found.reliability is not None:
+    rejection = evaluation.rejection
+    if evaluation.reliability is not None:
         summary(
-            f"probabilities are off by {found.reliability.expected_calibration_error:.3f} on "
+            f"probabilities are off by {evaluation.reliability.expected_calibration_error:.3f} on "
             "average (expected calibration error)"
         )
     if rejection.accepted is not None:
@@ -190,8 +192,9 @@ def _print_trust(matches: Matches, found: Evaluation) -> None:
             for value in (rejection.precision, rejection.recall)
         )
         summary(
-            f"--precision {matches.settings.precision}: {rejection.accepted} of {found.queries} "
-            f"matches accepted, precision {precision}, recall {recall} of those on the map"
+            f"--precision {matches.settings.precision}: {rejection.accepted} of "
+            f"{evaluation.queries} matches accepted, precision {precision}, recall {recall} of "
+            "those on the map"
         )
     if rejection.off_map_auroc is not None:
         summary(

@@ -71,10 +71,10 @@ def run(args: argparse.Namespace) -> None:
     kinds = tuple(args.only.split(","))
     if not set(kinds) <= set(COMPARED):
         raise UsageError(f"--only {args.only}: choose from {', '.join(COMPARED)}")
-    found = _from_board(args, folder) if args.port else Returned(read_results(args.results))
-    if found.too_large and not found.records:
-        raise EdgeVprError(f"{source}: no case was run: {_too_large(found)}")
-    verdict = verify(folder, found.records, case=args.case, kinds=kinds)
+    returned = _from_board(args, folder) if args.port else Returned(read_results(args.results))
+    if returned.too_large and not returned.records:
+        raise EdgeVprError(f"{source}: no case was run: {_too_large(returned)}")
+    verdict = verify(folder, returned.records, case=args.case, kinds=kinds)
     compared = ", ".join(f"{number} of {kind}" for kind, number in verdict.compared.items())
     if verdict.differences:
         for difference in verdict.differences:
@@ -90,14 +90,14 @@ def run(args: argparse.Namespace) -> None:
             "them too, or name the only one with --case"
         )
     summary(f"{source}: {verdict.cases} of {verdict.known} cases, equal records: {compared}")
-    if found.too_large:
-        note(_too_large(found))
+    if returned.too_large:
+        note(_too_large(returned))
 
 
-def _too_large(found: Returned) -> str:
-    name, size = min(found.too_large.items(), key=lambda one: one[1])
+def _too_large(returned: Returned) -> str:
+    name, size = min(returned.too_large.items(), key=lambda one: one[1])
     return (
-        f"{number_of(len(found.too_large), 'case')} of more memory than the board has: the "
+        f"{number_of(len(returned.too_large), 'case')} of more memory than the board has: the "
         f"smallest, {name}, needs {size:,} bytes"
     )
 

@@ -143,15 +143,15 @@ def _count_frames(args: argparse.Namespace) -> CountFrames | None:
     """Return count frames that do not state what they need to be read as events."""
     from edge_vpr.recordings import read_count_frames, sniff
 
-    found = args.format
-    if found is None:
+    format_name = args.format
+    if format_name is None:
         with suppress(EdgeVprError):  # opening it as a recording reports the fault
-            found = sniff(Path(args.recording))
-    if found != "frames":
+            format_name = sniff(Path(args.recording))
+    if format_name != "frames":
         return None
     frames = read_count_frames(args.recording)
-    known = (frames.period or args.frame_period) and (frames.sensor or args.sensor)
-    return None if known and frames.pixel_x is not None else frames
+    stated = (frames.period or args.frame_period) and (frames.sensor or args.sensor)
+    return None if stated and frames.pixel_x is not None else frames
 
 
 def run(args: argparse.Namespace) -> None:

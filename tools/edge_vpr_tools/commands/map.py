@@ -243,11 +243,11 @@ def _mapped(
         removed=removed,
     )  # fmt: skip
     seconds = working_s() - start
-    found = len(reference.pixel_map)
-    if args.pixel_map is None and found < settings.pixels:
+    selected = len(reference.pixel_map)
+    if args.pixel_map is None and selected < settings.pixels:
         warning(
-            f"{args.recording} has events at {found} pixels alone, of {settings.pixels} that were "
-            "asked for: the map has only these"
+            f"{args.recording} has events at {selected} pixels alone, of {settings.pixels} that "
+            "were asked for: the map has only these"
         )
     return reference, seconds
 
@@ -328,12 +328,12 @@ def _hot_pixel_file(args: argparse.Namespace) -> str | None:
 
 def _check_flags_of_a_map(args: argparse.Namespace) -> None:
     """Raise UsageError where a map learns, and a flag is given that only making one takes."""
-    given = given_map_flags(args) + list(match_flags(args))
+    flags = given_map_flags(args) + list(match_flags(args))
     files = {"odometry": args.odometry, "pixel-map": args.pixel_map}
-    given += [f"--{name}" for name, file in files.items() if file is not None]
-    if given:
+    flags += [f"--{name}" for name, file in files.items() if file is not None]
+    if flags:
         raise UsageError(
-            f"{given[0]} is for making a map, and {args.recording} is one, which keeps its "
+            f"{flags[0]} is for making a map, and {args.recording} is one, which keeps its "
             "settings: leave it out"
         )
     if not args.more:

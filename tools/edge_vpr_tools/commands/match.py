@@ -124,41 +124,41 @@ def run(args: argparse.Namespace) -> None:
     for path in args.export or ():
         check_track_file(path, reference)
         results.check_new_file(Path(path), inputs, args.overwrite)
-    asked = with_match_flags(args, reference, online=args.online)
-    _ = asked.acceptance  # a precision that the table cannot reach is an error before any work
+    with_flags = with_match_flags(args, reference, online=args.online)
+    _ = with_flags.acceptance  # a precision that the table cannot reach is an error before any work
     if args.every is not None and not args.online:
         raise UsageError("--every says when to match online: add --online, or leave it out")
     odometry = None if args.odometry is None else load_odometry(args.odometry)
-    detail_settings(asked.settings.to_dict())
+    detail_settings(with_flags.settings.to_dict())
     recording: Recording | PublishedWindows
     if args.online:
-        recording, found = _match_online(args, reference, odometry)
+        recording, result = _match_online(args, reference, odometry)
     else:
         recording = open_source(args, args.recording, reference.camera)
-        found = reference.match(
+        result = reference.match(
             tracked(recording, "counting"),
             odometry=odometry,
             **match_flags(args),
         )
     faults = describe_faults(recording)
-    queries, matches, metrics = found.queries, found.matches, found.metrics
-    warn_of_bursts(found.removed, args.recording, "make the map with --bursts keep")
-    warn_of_few_places(args.map, found.reference)
+    queries, matches, metrics = result.queries, result.matches, result.metrics
+    warn_of_bursts(result.removed, args.recording, "make the map with --bursts keep")
+    warn_of_few_places(args.map, result.reference)
     facts = []
     if odometry is not None:
         along = reference.along_mm
         along_m = None if along is None else along[matches.place] / 1e3
         facts.append(odometry.beside(matches.time_us, along_m, matches.lost == 0))
     with results.results_folder(output, args.overwrite) as folder:
-        found.write(folder, inputs)
-        outcome = outcome_of(found.reference, matches)
+        result.write(folder, inputs)
+        outcome = outcome_of(result.reference, matches)
         if not args.no_figures:
             from edge_vpr_tools.report.traverse import write_report
 
-            write_report(folder, found, outcome, formats, facts=facts)
+            write_report(folder, result, outcome, formats, facts=facts)
     if args.json:
         print(results.json_text({} if metrics is None else metrics))
-    removed = describe_removed(found.removed, asked.settings)
+    removed = describe_removed(result.removed, with_flags.settings)
     summary(f"{output}: {outcome.sentence()}")
     for fact in facts:
         summary(fact)
@@ -169,14 +169,14 @@ def run(args: argparse.Namespace) -> None:
             f"localising took {metrics.localising_s:.2f} s, {metrics.times_real_time:,.0f} times "
             "real time"
         )
-        _export_tracks(args.export, found.reference, matches, recording)
+        _export_tracks(args.export, result.reference, matches, recording)
         return
     assert queries is not None and metrics is not None
     summary(f"{reference.places_text}, {reference.bytes_text}{removed}{faults}")
-    _export_tracks(args.export, found.reference, matches, recording)
+    _export_tracks(args.export, result.reference, matches, recording)
     if matrix is not None:
-        asked = found.reference.matched_with(matches.settings)
-        distances = query_distances(asked, queries, odometry)
+        with_flags = result.reference.matched_with(matches.settings)
+        distances = query_distances(with_flags, queries, odometry)
         write_npy(matrix, distances)
         summary(f"{matrix}: distances, {distances.shape[0]} places x {distances.shape[1]} queries")
     summary(

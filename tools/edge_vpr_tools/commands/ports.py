@@ -80,20 +80,20 @@ def attached_ports() -> list[AttachedPort]:
     """Return the serial ports of this machine, sorted by name."""
     from serial.tools import list_ports
 
-    found = []
+    attached = []
     for port in sorted(list_ports.comports()):
-        known = guess(port.vid, port.pid)
-        found.append(
+        camera = guess(port.vid, port.pid)
+        attached.append(
             AttachedPort(
                 port=port.device,
                 always=lasting_name(port.device),
-                description=known.what if known else port.description,
+                description=camera.what if camera else port.description,
                 usb=None if port.vid is None else f"{port.vid:04x}:{port.pid:04x}",
-                protocol=known.protocol if known else None,
-                baud=known.baud if known else None,
+                protocol=camera.protocol if camera else None,
+                baud=camera.baud if camera else None,
             )
         )
-    return found
+    return attached
 
 
 def lasting_name(port: str) -> str | None:
@@ -109,11 +109,11 @@ def run(args: argparse.Namespace) -> None:
     """List the ports."""
     from edge_vpr.results import json_text
 
-    found = attached_ports()
+    attached = attached_ports()
     if args.json:
-        print(json_text(found, indent=2))
+        print(json_text(attached, indent=2))
         return
-    for one in found:
+    for one in attached:
         how = f"--protocol {one.protocol}" if one.protocol else "-"
         how += f" --baud {one.baud}" if one.baud else ""
         # the name comes from the device and can contain anything
@@ -121,5 +121,5 @@ def run(args: argparse.Namespace) -> None:
         summary(f"{name}  {one.usb or '-'}  {what}  {how}")
         if one.always is not None:
             summary(f"    always {printable(one.always)}")
-    if not found:
+    if not attached:
         summary("no serial ports; edge-vpr bridge RECORDING makes a virtual one")

@@ -99,7 +99,7 @@ def run(args: argparse.Namespace) -> None:
     with terminated_as_interrupted():
         sensor, missing = choose_sensor(ROOT, name=args.sensor_name, shunt_mohm=args.shunt_mohm)
         try:
-            found = profile(
+            measured = profile(
                 load_of(args), plan, sensor, missing, meter=args.meter, root=ROOT
             )  # fmt: skip
         finally:
@@ -107,10 +107,10 @@ def run(args: argparse.Namespace) -> None:
                 sensor.close()
         check_interrupted()
         with results.results_folder(output, args.overwrite) as folder:
-            write_json(folder / results.RUN, found.run)
-            write_profile(found, folder)
+            write_json(folder / results.RUN, measured.run)
+            write_profile(measured, folder)
     if args.json:
-        print(results.json_text(found))
+        print(results.json_text(measured))
     elif not is_quiet():
-        show(found)
+        show(measured)
     summary(f"see {output / results.REPORT}")

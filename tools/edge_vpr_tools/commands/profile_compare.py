@@ -44,13 +44,13 @@ def run(args: argparse.Namespace) -> None:
     from edge_vpr_tools.profile.show import COMPARED, WIDTH, cell, check_shown, notes
 
     paths = [Path(args.first), Path(args.second)]
-    found = [Profile.load_file(path) for path in paths]
-    for path, one in zip(paths, found, strict=True):
+    profiles = [Profile.load_file(path) for path in paths]
+    for path, one in zip(paths, profiles, strict=True):
         check_shown(one, path)
     figures = {
         a.name: Compared(a, b, b.value / a.value if a.value and b.value is not None else None,
                          _overlap(a, b))
-        for a, b in zip(*map(numbers, found), strict=True)
+        for a, b in zip(*map(numbers, profiles), strict=True)
     }  # fmt: skip
     if args.json:
         print(json_text({"first": args.first, "second": args.second, "figures": figures}))
@@ -65,7 +65,7 @@ def run(args: argparse.Namespace) -> None:
             "intervals are of 95 %; where they overlap, the two profiles show no difference",
             width=WIDTH,
         )
-    for path, one in zip(paths, found, strict=True):
+    for path, one in zip(paths, profiles, strict=True):
         for line in notes(one):
             say(f"{path}: {line}", width=WIDTH)
 

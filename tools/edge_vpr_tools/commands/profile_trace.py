@@ -56,9 +56,9 @@ def run(args: argparse.Namespace) -> None:
     path = Path(args.profile)
     path = path / PROFILE if path.is_dir() else path
     stated = Stated(args.time, args.power, args.current, args.voltage, args.first_load)
-    found = with_meter(path, Path(args.trace), stated)
-    check_shown(found, path)
-    write_profile(found, path.parent, name=path.name)
+    measured = with_meter(path, Path(args.trace), stated)
+    check_shown(measured, path)
+    write_profile(measured, path.parent, name=path.name)
     if not is_quiet():
-        show(found)
+        show(measured)
     summary(f"see {path.parent / results.REPORT}")

@@ -118,15 +118,15 @@ class RecordedInputs:
 
         remedy = "run edge-vpr replay in the folder where edge-vpr match ran, or match again"
         assert self._args is not None
-        found = read_there(self._folder, self._args.output, path)
-        if not found.exists():
+        file = read_there(self._folder, self._args.output, path)
+        if not file.exists():
             raise UsageError(f"{path}, which {what} needs, is not there: {remedy}")
         for record in self._files:
-            if record.path == path and replace(hash_input(found), path=path) != record:
+            if record.path == path and replace(hash_input(file), path=path) != record:
                 raise UsageError(
                     f"{path}, which {what} needs, has changed since it was matched: {remedy}"
                 )
-        return found
+        return file
 
 
 def _truth(folder: Path) -> TruthFiles | None:

@@ -67,17 +67,17 @@ def run(args: argparse.Namespace) -> None:
         started = processes(os.cpu_count() or 1 if args.workers is None else args.workers)
     lost: list[str] = []
     with appending(output) as append, started as workers, status("starting") as say:
-        for number, (trial, found) in enumerate(mapped(workers, run_trial, left), 1):
+        for number, (trial, result) in enumerate(mapped(workers, run_trial, left), 1):
             name = f"{trial.variant}, {trial.drives}, seed {trial.settings.seed}"
-            if isinstance(found, Exception):
-                lost.append(f"{name}: {error_text(found)}")
-            elif (version := found[0]["version"]) != edge_vpr.__version__:
+            if isinstance(result, Exception):
+                lost.append(f"{name}: {error_text(result)}")
+            elif (version := result[0]["version"]) != edge_vpr.__version__:
                 raise UsageError(
                     f"a worker has edge-vpr {version}, and this machine {edge_vpr.__version__}: "
                     "install one version everywhere"
                 )
             else:
-                append(trial, found)
+                append(trial, result)
             failed = f", {len(lost)} failed" if lost else ""
             say(f"{number} of {len(left)} trials{failed}")
     put_in_order(output, trials)

@@ -77,7 +77,7 @@ def _groups(outcome: Outcome) -> list[_Group]:
     ring = {"s": 22, "facecolors": "#ffffff00", "edgecolors": SKY, "linewidths": 1.0}
     cross = {"s": 55, "marker": "X", "linewidths": 0.7, "edgecolors": "white"}
     dot = {"s": 16, "color": BLUE, "linewidths": 0}
-    if outcome.found is None:
+    if outcome.evaluation is None:
         label = "match" if outcome.precision is None else "accepted"
         groups = [_Group("not accepted", ~taken, ring), _Group(label, taken, dot)]
     else:
@@ -404,7 +404,7 @@ def distance_matrix(
     route : Route, optional
         Positions of the places, for a second axis; by default it is the time of the reference.
     """
-    matches, truth, found = outcome.matches, outcome.truth, outcome.found
+    matches, truth, evaluation = outcome.matches, outcome.truth, outcome.evaluation
     distances, strides = shown_distances(reference.places, queries, matches)
     first = int(matches.query[0])
     extent = (
@@ -422,12 +422,12 @@ def distance_matrix(
         if truth is not None:
             _truth_band(axes, truth)
             handles.append(Line2D([], [], color=GREEN, lw=6, alpha=0.6, label="true places"))
-        if found is None:
+        if evaluation is None:
             handles += axes.plot(
                 matches.query, matches.place, ".", color=ORANGE, ms=4, label="match"
             )
         else:
-            correct, wrong = found.correct, found.evaluated & ~found.correct
+            correct, wrong = evaluation.correct, evaluation.evaluated & ~evaluation.correct
             handles += axes.plot(
                 matches.query[correct], matches.place[correct], ".", color=ORANGE, ms=4,
                 label=f"correct match ({correct.sum()})",
@@ -476,15 +476,15 @@ def precision_recall(curves: Mapping[str, Evaluation]) -> Figure:
     """Draw the precision-recall curve of each variant, with P@100R and R@99P."""
     single = len(curves) == 1
     with figure(WIDTH if single else 7.5, 4.2 if single else 5.2) as (drawing, axes):
-        for i, (name, found) in enumerate(curves.items()):
+        for i, (name, evaluation) in enumerate(curves.items()):
             axes.step(
-                found.curve.recall,
-                found.curve.precision,
+                evaluation.curve.recall,
+                evaluation.curve.precision,
                 where="pre",  # as R@99P and average precision count it
                 **look(i),
                 lw=2,
-                label=f"{name}\nP@100R {found.precision_at_100_recall:.3f}, "
-                f"R@99P {found.recall_at_99_precision:.3f}",
+                label=f"{name}\nP@100R {evaluation.precision_at_100_recall:.3f}, "
+                f"R@99P {evaluation.recall_at_99_precision:.3f}",
             )
         axes.axhline(0.99, color="gray", lw=0.8)
         some = next(iter(curves.values()))
@@ -505,26 +505,26 @@ def precision_recall(curves: Mapping[str, Evaluation]) -> Figure:
     return drawing
 
 
-def reliability_diagram(found: Mapping[str, Reliability]) -> Figure:
+def reliability_diagram(curves: Mapping[str, Reliability]) -> Figure:
     """Draw the share of correct matches against their stated probability.
 
     Parameters
     ----------
-    found : mapping of str to Reliability
+    curves : mapping of str to Reliability
         By what the matches are; the name is not shown if there is only one.
     """
     with figure(WIDTH, 4.8) as (drawing, axes):
         axes.plot([0, 1], [0, 1], color="gray", lw=0.8, label="probability equals share")
-        for (name, one), colour in zip(found.items(), CYCLE, strict=False):
+        for (name, one), colour in zip(curves.items(), CYCLE, strict=False):
             axes.plot(one.probability, one.right, color=colour, lw=1.5)
             sizes = 15 + 285 * one.matches / one.matches.max()
             among = number_of(len(one.matches), "bin")
             label = f"{number_of(int(one.matches.sum()), 'match')} in {among}, larger: more"
-            if len(found) > 1:
+            if len(curves) > 1:
                 matches = number_of(int(one.matches.sum()), "match")
                 label = f"{name}: {matches}, error {_error(one)}"
             axes.scatter(one.probability, one.right, s=sizes, color=colour, label=label)
-        single = next(iter(found.values())) if len(found) == 1 else None
+        single = next(iter(curves.values())) if len(curves) == 1 else None
         axes.set(
             title="Reliability: expected calibration error"
             + (", larger dots: more" if single is None else f" {_error(single)}"),
@@ -537,8 +537,8 @@ def reliability_diagram(found: Mapping[str, Reliability]) -> Figure:
     return drawing
 
 
-def _error(found: Reliability) -> str:
-    return f"{found.expected_calibration_error:.3f}"
+def _error(reliability: Reliability) -> str:
+    return f"{reliability.expected_calibration_error:.3f}"
 
 
 def _truth_band(axes: Axes, truth: GroundTruth) -> None:

@@ -62,10 +62,10 @@ def plot(
                 len(panels), 1, figsize=size, height_ratios=heights, squeeze=False
             )
             return _drawn(panels, list(grid[:, 0]), view is not None, outcome.title)
-    given = list(np.ravel(np.asarray(axes, dtype=object)))
-    if not given or not all(isinstance(each, Axes) for each in given):
+    panels_of_user = list(np.ravel(np.asarray(axes, dtype=object)))
+    if not panels_of_user or not all(isinstance(each, Axes) for each in panels_of_user):
         raise UsageError("axes= is no Matplotlib axes: give one or more, as of pyplot.subplots(3)")
-    return _drawn(panels, given, view is not None, outcome.title)
+    return _drawn(panels, panels_of_user, view is not None, outcome.title)
 
 
 def _drawn(

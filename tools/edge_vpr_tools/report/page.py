@@ -174,7 +174,7 @@ def _themed(svg: str, prefix: str) -> str:
     """
     element = _OUTER.sub("", svg[svg.index("<svg") :])
     element = _NAMED.sub(rf"\1{prefix}", element)
-    return _COLOUR.sub(lambda found: _THEMED[found[0]], element)
+    return _COLOUR.sub(lambda colour: _THEMED[colour[0]], element)
 
 
 def _is_number(cell: str) -> bool:

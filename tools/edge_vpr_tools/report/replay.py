@@ -299,12 +299,12 @@ def replay_of(
         If the recording cannot be read, or no window is in the part.
     """
     reference, matches, queries = result.reference, result.matches, result.queries
-    asked = reference.matched_with(matches.settings)
+    matched_map = reference.matched_with(matches.settings)
     if queries is None:
         assert recording is not None
-        queries = describe_query(asked, recording)
-    cost = query_distances(asked, queries, odometry)
-    settings = asked.settings
+        queries = describe_query(matched_map, recording)
+    cost = query_distances(matched_map, queries, odometry)
+    settings = matched_map.settings
     if settings.matching == "sequence":  # places where a whole sequence does not fit never match
         before = middle_window(settings.sequence_length)
         cost[:before] = np.nan
@@ -328,7 +328,7 @@ def replay_of(
             images = _window_images(recording, window)
         else:
             images = event_images(recording, queries.start_us[window], queries.end_us[window])
-    shown_matches, found, true = matches.take(row), None, None
+    shown_matches, evaluation, true = matches.take(row), None, None
     if truth is not None:
         judged = shown_matches
         if result.queries is None:  # of a drive that was matched online, each match is a query
@@ -336,13 +336,13 @@ def replay_of(
         some = replace(result, matches=judged)
         with warnings.catch_warnings():  # the evaluation has given them
             warnings.simplefilter("ignore", EdgeVprWarning)
-            found = some.evaluate(truth_of(some, truth))
-        positions, route = found.truth.positions, reference.route
+            evaluation = some.evaluate(truth_of(some, truth))
+        positions, route = evaluation.truth.positions, reference.route
         panel = ("metric", 1) if route is None else (route.kind, route.position.shape[1])
         if positions is not None and (positions.kind, positions.query.shape[1]) == panel:
             true = replace(positions, query=positions.query[judged.query])
     return Replay(
-        reference, outcome_of(reference, shown_matches, found), queries.take(window),
+        reference, outcome_of(reference, shown_matches, evaluation), queries.take(window),
         cost[:, window], images, true,
     )  # fmt: skip
 

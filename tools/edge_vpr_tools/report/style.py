@@ -168,13 +168,13 @@ class Scale:
         positions, values : ndarray of float64, shape (m,)
             m is 0 where fewer than two different values are known.
         """
-        known = np.flatnonzero(np.isfinite(self.values))
-        values = self.values[known]
-        if known.size < 2 or values[0] == values[-1]:
+        with_value = np.flatnonzero(np.isfinite(self.values))
+        values = self.values[with_value]
+        if with_value.size < 2 or values[0] == values[-1]:
             return np.empty(0), np.empty(0)
         round_values = MaxNLocator(_TICKS, steps=[1, 2, 5, 10]).tick_values(values[0], values[-1])
         inside = round_values[(round_values >= values[0]) & (round_values <= values[-1])]
-        return np.interp(inside, values, known), inside
+        return np.interp(inside, values, with_value), inside
 
 
 def seconds(centre_us: npt.NDArray[np.int64], drive: str) -> Scale:

@@ -69,8 +69,8 @@ def with_tables(page: str, folder: Path) -> str:
         If a file cannot be read, or does not have what the view names.
     """
 
-    def replaced(found: re.Match[str]) -> str:
-        marker, file, view = found.groups()
+    def replaced(marked: re.Match[str]) -> str:
+        marker, file, view = marked.groups()
         try:
             table = table_of(read_rows(folder / file), TableView.parse(view or ""))
         except UsageError as error:
@@ -163,15 +163,15 @@ def mean_and_deviation(cells: Sequence[str]) -> str:
     >>> [mean_and_deviation(cells) for cells in (["1234"], ["0.5", ""], ["1", "2"])]
     ['1,234', '0.500', '1.500 ± 0.707']
     """
-    found = [cell for cell in cells if cell]
-    if not found:
+    filled = [cell for cell in cells if cell]
+    if not filled:
         return NOTHING
     try:
-        numbers = [float(cell) for cell in found]
+        numbers = [float(cell) for cell in filled]
     except ValueError:  # text, which is the same in all trials
-        return " / ".join(dict.fromkeys(found))
-    if len(set(found)) == 1 and found[0].removeprefix("-").isdigit():
-        return f"{int(found[0]):,}"
+        return " / ".join(dict.fromkeys(filled))
+    if len(set(filled)) == 1 and filled[0].removeprefix("-").isdigit():
+        return f"{int(filled[0]):,}"
     mean = float(np.mean(numbers))
     decimals = 3 if abs(mean) < 10 else 1 if abs(mean) < 100 else 0
     if len(numbers) == 1:

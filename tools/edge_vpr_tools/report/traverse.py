@@ -67,7 +67,7 @@ def write_report(
         Sentences about the inputs, shown below the verdict.
     """
     reference, queries = result.reference, result.queries
-    matches, truth, found = outcome.matches, outcome.truth, outcome.found
+    matches, truth, evaluation = outcome.matches, outcome.truth, outcome.evaluation
     run = results.read_run(folder)
     route = reference.route if route is None else route
     page = Page("edge-vpr: matches of a drive")
@@ -96,25 +96,25 @@ def write_report(
             at = np.maximum(before, 0)
     if windows is not None:
         _add_wrong_windows(page, reference, windows, at, outcome)
-    if found is not None:
+    if evaluation is not None:
         page.heading("Metrics")
-        page.table(("figure", "value", "what it says"), _figures_of(found))
+        page.table(("figure", "value", "what it says"), _figures_of(evaluation))
         if len(tolerances) > 1:
             page.table(*tolerance_table(tolerances))
         name = f"{len(reference.pixel_map)} pixels, {reference.settings.strategy}"
         add(
             "precision_recall",
-            precision_recall({name: found}),
+            precision_recall({name: evaluation}),
             f"Precision against recall, one step for each threshold; {CURVE} has the points.",
         )
-        columns = found.curve_columns()
+        columns = evaluation.curve_columns()
         points = zip(*(column.tolist() for column in columns.values()), strict=True)
         cells = [[value if np.isfinite(value) else None for value in row] for row in points]
         write_spreadsheet(folder / CURVE, list(columns), cells)
-        if outcome.wrong.any() and found.reliability is not None:  # otherwise a straight line
+        if outcome.wrong.any() and evaluation.reliability is not None:  # otherwise a straight line
             add(
                 "reliability",
-                reliability_diagram({"": found.reliability}),
+                reliability_diagram({"": evaluation.reliability}),
                 "Above the line, matches are correct more often than their probability says; "
                 "below, less often.",
             )
@@ -211,44 +211,44 @@ def _add_wrong_windows(
         page.picture(save(windows_side_by_side(reference, windows)), f"{caption}.")
 
 
-def tolerance_table(found: Mapping[str, Evaluation]) -> tuple[list[str], list[list[str]]]:
+def tolerance_table(evaluations: Mapping[str, Evaluation]) -> tuple[list[str], list[list[str]]]:
     """Return heading and cells of a table of evaluations by their tolerance."""
-    number = next(iter(found.values())).recall_at
+    number = next(iter(evaluations.values())).recall_at
     head = ["tolerance", "P@100R", "R@99P", *(f"Recall@{n}" for n in number)]
     return head, [
         [name]
         + [f"{one.precision_at_100_recall:.3f}", f"{one.recall_at_99_precision:.3f}"]
         + [f"{share:.3f}" for share in one.recall_at.values()]
-        for name, one in found.items()
+        for name, one in evaluations.items()
     ]
 
 
-def _figures_of(found: Evaluation) -> list[tuple[str, str, str]]:
+def _figures_of(evaluation: Evaluation) -> list[tuple[str, str, str]]:
     return [
-        ("P@100R", f"{found.precision_at_100_recall:.3f}",
+        ("P@100R", f"{evaluation.precision_at_100_recall:.3f}",
          "share of correct matches when every query is matched"),
-        ("R@99P", f"{found.recall_at_99_precision:.3f}",
+        ("R@99P", f"{evaluation.recall_at_99_precision:.3f}",
          "largest recall at 99 % precision, with a threshold chosen by this truth; missed queries: "
-         f"{MISSED[found.recall_denominator]}"),
-        ("average precision", f"{found.average_precision:.3f}",
+         f"{MISSED[evaluation.recall_denominator]}"),
+        ("average precision", f"{evaluation.average_precision:.3f}",
          "area under the precision-recall curve, as a sum of steps"),
         *((f"Recall@{n}", f"{recall:.3f}", f"a correct place is among the {n} nearest")
-          for n, recall in found.recall_at.items()),
-        *_trust_figures(found),
-        ("queries", f"{found.queries}", "number of queries evaluated"),
-        ("unknown", f"{found.queries_unknown}",
+          for n, recall in evaluation.recall_at.items()),
+        *_trust_figures(evaluation),
+        ("queries", f"{evaluation.queries}", "number of queries evaluated"),
+        ("unknown", f"{evaluation.queries_unknown}",
          "matches left out: the window has no position, or the place has none and may be near"),
-        ("without a place", f"{found.queries_without_place}",
+        ("without a place", f"{evaluation.queries_without_place}",
          "queries evaluated, although no place in the map is correct"),
-        ("tied", f"{found.queries_tied}",
+        ("tied", f"{evaluation.queries_tied}",
          "queries with several places at the least distance; the lowest place counts"),
     ]  # fmt: skip
 
 
-def _trust_figures(found: Evaluation) -> list[tuple[str, str, str]]:
+def _trust_figures(evaluation: Evaluation) -> list[tuple[str, str, str]]:
     """Return figures on probabilities, and on queries that are not on the map."""
     # fmt: off
-    rejection, reliability = found.rejection, found.reliability
+    rejection, reliability = evaluation.rejection, evaluation.reliability
     named: list[tuple[str, float | int | None, str]] = [
         ("calibration error", reliability.expected_calibration_error if reliability else None,
          "expected: mean gap between probabilities and shares of correct matches"),

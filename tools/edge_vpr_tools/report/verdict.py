@@ -32,12 +32,12 @@ class Outcome:
     matches: Matches
     precision: float | None  #: At which matches are accepted; None where no probability is known.
     accepted: Bools  #: Shape (n,): whether each match is accepted.
-    found: Evaluation | None = None  #: None before an evaluation.
+    evaluation: Evaluation | None = None  #: None before an evaluation.
 
     @property
     def truth(self) -> GroundTruth | None:
         """The ground truth; None before an evaluation."""
-        return None if self.found is None else self.found.truth
+        return None if self.evaluation is None else self.evaluation.truth
 
     @property
     def kind(self) -> str:
@@ -65,19 +65,23 @@ class Outcome:
     @property
     def correct(self) -> Bools:
         """Whether each match is correct; False where it is not known."""
-        return np.zeros(len(self.matches), np.bool_) if self.found is None else self.found.correct
+        return (
+            np.zeros(len(self.matches), np.bool_)
+            if self.evaluation is None
+            else self.evaluation.correct
+        )
 
     @property
     def wrong(self) -> Bools:
         """Whether each match is wrong; False where it is not known."""
-        if self.found is None:
+        if self.evaluation is None:
             return np.zeros(len(self.matches), np.bool_)
-        return self.found.evaluated & ~self.found.correct
+        return self.evaluation.evaluated & ~self.evaluation.correct
 
     @property
     def errors(self) -> npt.NDArray[np.float64] | None:
         """Error of each match in `truth.error_unit`; None before an evaluation."""
-        return None if self.found is None else self.found.error
+        return None if self.evaluation is None else self.evaluation.error
 
     def wrong_runs(self) -> list[npt.NDArray[np.intp]]:
         """Return the indices of wrong matches that lie close together in time."""
@@ -95,23 +99,23 @@ class Outcome:
 
     def _parts(self) -> list[str]:
         n = len(self.matches)
-        if self.found is None:
+        if self.evaluation is None:
             return [f"{n:,} {self.kind}", self._accepted_before_evaluation()]
-        n, correct = self.found.queries, int(np.count_nonzero(self.correct))
+        n, correct = self.evaluation.queries, int(np.count_nonzero(self.correct))
         parts = [f"{correct:,} of {n:,} {self.kind} {'is' if n == 1 else 'are'} correct"]
         if correct < n:
             parts.append(self._where_wrong())
-        unknown = self.found.queries_unknown
+        unknown = self.evaluation.queries_unknown
         if unknown:
             parts.append(f"{unknown:,} more cannot be judged, without a known position")
-        off = self.found.queries_without_place
+        off = self.evaluation.queries_without_place
         if off:
             parts.append(f"{off:,} {'has' if off == 1 else 'have'} no correct place on the map")
         return [*parts, self._accepted()]
 
     def _where_wrong(self) -> str:
         runs, time = self.wrong_runs(), self.time_s
-        if int(np.count_nonzero(self.wrong)) == self.found.queries:  # type: ignore[union-attr]
+        if int(np.count_nonzero(self.wrong)) == self.evaluation.queries:  # type: ignore[union-attr]
             return ""
         named = sorted(sorted(runs, key=len, reverse=True)[:MOST_NAMED], key=lambda run: run[0])
         texts = [_span(float(time[run[0]]), float(time[run[-1]])) for run in named]
@@ -136,16 +140,16 @@ class Outcome:
         )
 
     def _accepted(self) -> str:
-        if self.precision is None or self.found is None:
+        if self.precision is None or self.evaluation is None:
             return ""
-        taken = self.accepted & self.found.evaluated
+        taken = self.accepted & self.evaluation.evaluated
         accepted, correct = (
             int(np.count_nonzero(taken)),
             int(np.count_nonzero(taken & self.correct)),
         )
-        asked = self.matches.settings.precision is not None
-        text = f"{percent(accepted, self.found.queries)} {'are' if asked else 'would be'} accepted "
-        text += f"at precision {self.precision:g}"
+        has_precision = self.matches.settings.precision is not None
+        text = f"{percent(accepted, self.evaluation.queries)} "
+        text += f"{'are' if has_precision else 'would be'} accepted at precision {self.precision:g}"
         if not accepted:
             return text.replace("0 %", "none", 1)
         if correct == accepted:
@@ -158,21 +162,21 @@ class Outcome:
 
 
 def outcome_of(
-    reference: ReferenceMap, matches: Matches, found: Evaluation | None = None
+    reference: ReferenceMap, matches: Matches, evaluation: Evaluation | None = None
 ) -> Outcome:
     """Find which matches are accepted, at the precision of the run or else the usual one."""
     settings = matches.settings
     everything = np.ones(len(matches), dtype=np.bool_)
     if settings.precision is not None:
-        return Outcome(matches, settings.precision, ~matches.lost, found)
+        return Outcome(matches, settings.precision, ~matches.lost, evaluation)
     confidence = reference.matched_with(settings).acceptance.confidence
     try:
         if confidence is None:
-            return Outcome(matches, None, everything, found)
+            return Outcome(matches, None, everything, evaluation)
         _, lost = Acceptance(confidence, USUAL_PRECISION).accept(matches.trust, matches.misfit)
     except UsageError:  # a map's own table, which was calibrated with too few matches
-        return Outcome(matches, None, everything, found)
-    return Outcome(matches, USUAL_PRECISION, ~lost, found)
+        return Outcome(matches, None, everything, evaluation)
+    return Outcome(matches, USUAL_PRECISION, ~lost, evaluation)
 
 
 def percent(part: int, whole: int) -> str:
