@@ -126,12 +126,12 @@ def _link(other: str | Path, path: Path) -> bool:
 
 def checksum_of(meta: Mapping[str, Any], arrays: Mapping[str, npt.NDArray[Any]]) -> str:
     """Return the SHA-256 of plain values and of arrays with their names, dtypes and shapes."""
-    found = hashlib.sha256(json.dumps(meta).encode())
+    digest = hashlib.sha256(json.dumps(meta).encode())
     for name in sorted(arrays):
         array = arrays[name]
-        found.update(f"\n{name} {array.dtype.str} {array.shape}\n".encode())
-        found.update(array.tobytes())
-    return found.hexdigest()
+        digest.update(f"\n{name} {array.dtype.str} {array.shape}\n".encode())
+        digest.update(array.tobytes())
+    return digest.hexdigest()
 
 
 def archive_kind(path: str | Path) -> str | None:
@@ -184,9 +184,9 @@ def read_archive(path: str | Path, kind: str) -> tuple[Arrays, dict[str, Any]]:
         raise MapError(f"{path} is not a {kind} of edge-vpr: name a file that edge-vpr wrote")
     with archive_errors(path, f"the {kind} is damaged, make it again"):
         meta = dict(json.loads(str(header)))
-    found, version = meta.get("kind"), meta.get("version")
-    if found != kind:
-        raise MapError(f"{path} is a {found}, not a {kind}: name the other file")
+    stated_kind, version = meta.get("kind"), meta.get("version")
+    if stated_kind != kind:
+        raise MapError(f"{path} is a {stated_kind}, not a {kind}: name the other file")
     if version != SCHEMA_VERSION:
         raise MapError(
             f"{path} has schema version {version!r} and this edge-vpr reads version "
@@ -309,7 +309,7 @@ def check_array(
     if not isinstance(array, np.ndarray):
         raise MapError(f"{name} is a {type(array).__name__}: expected {wanted}")
     fits = len(array.shape) == len(shape) and all(
-        length in (None, found) for length, found in zip(shape, array.shape, strict=True)
+        length in (None, size) for length, size in zip(shape, array.shape, strict=True)
     )
     if not fits or all(array.dtype != np.dtype(dtype) for dtype in dtypes):
         raise MapError(f"{name} is {array.dtype} of shape {array.shape}: expected {wanted}")

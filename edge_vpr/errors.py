@@ -203,14 +203,14 @@ def number_in(text: str) -> float:
     return float(text)
 
 
-def did_you_mean(given: str, known: Iterable[str]) -> str:
+def did_you_mean(typed: str, words: Iterable[str]) -> str:
     """Return the end of an error message that suggests a similar name.
 
     Parameters
     ----------
-    given : str
+    typed : str
         What the user wrote.
-    known : iterable of str
+    words : iterable of str
         What could have been meant.
 
     Returns
@@ -225,9 +225,9 @@ def did_you_mean(given: str, known: Iterable[str]) -> str:
     """
     from difflib import get_close_matches  # takes 10 ms, needed for errors only
 
-    names = list(known)
-    longer = [name for name in names if name.startswith(given)]
-    similar = sorted(longer, key=len)[:1] or get_close_matches(given, names, n=1, cutoff=0.6)
+    names = list(words)
+    longer = [name for name in names if name.startswith(typed)]
+    similar = sorted(longer, key=len)[:1] or get_close_matches(typed, names, n=1, cutoff=0.6)
     return f": did you mean {similar[0]}?" if similar else ""
 
 

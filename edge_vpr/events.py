@@ -143,24 +143,24 @@ class Sensor(NamedTuple):
         return 0 < self.width <= LONGEST_SIDE and 0 < self.height <= LONGEST_SIDE
 
     @classmethod
-    def of(cls, given: SensorSize) -> Sensor:
+    def of(cls, size: SensorSize) -> Sensor:
         """Return a sensor from its width and height, or from a text such as ``"346x260"``.
 
         A third number, of polarities, may follow as in ``sensor_size`` of tonic.
         """
-        if isinstance(given, str):
-            return cls.parse(given)
-        if isinstance(given, tuple | list) and len(given) == 3:
-            given = given[0], given[1]
-        if not isinstance(given, tuple | list) or len(given) != 2:
+        if isinstance(size, str):
+            return cls.parse(size)
+        if isinstance(size, tuple | list) and len(size) == 3:
+            size = size[0], size[1]
+        if not isinstance(size, tuple | list) or len(size) != 2:
             raise UsageError(
-                f"sensor {given!r} is no width and height: give for example Sensor(346, 260) or "
+                f"sensor {size!r} is no width and height: give for example Sensor(346, 260) or "
                 "'346x260'"
             )
-        sensor = cls(*given)
+        sensor = cls(*size)
         whole = all(isinstance(side, int | np.integer) for side in sensor)
         if not whole or not sensor.possible:
-            raise UsageError(f"sensor {given!r} has a side that is no number from 1 to 65536")
+            raise UsageError(f"sensor {size!r} has a side that is no number from 1 to 65536")
         return sensor
 
     @classmethod
@@ -233,13 +233,13 @@ def _check_numbers(name: str, column: npt.NDArray[Any]) -> None:
             )
 
 
-def as_events(given: object) -> Events:
+def as_events(events: object) -> Events:
     """Return events, or an array with the fields t, x, y and perhaps p of any types, as events."""
-    if isinstance(given, Events) and given.packed:
-        return given
-    check_event_array(given)
-    names: tuple[str, ...] = getattr(getattr(given, "dtype", None), "names", None) or tuple("txyp")
-    return make_events(*(given[name] for name in "txyp" if name in names))  # type: ignore[index]
+    if isinstance(events, Events) and events.packed:
+        return events
+    check_event_array(events)
+    names: tuple[str, ...] = getattr(getattr(events, "dtype", None), "names", None) or tuple("txyp")
+    return make_events(*(events[name] for name in "txyp" if name in names))  # type: ignore[index]
 
 
 def in_order(chunks: Iterable[Events], sensor: Sensor) -> Iterator[Events]:

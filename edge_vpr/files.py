@@ -137,21 +137,21 @@ def check_output(output: str | Path, inputs: Iterable[str | Path | None]) -> Non
         If an input is the output (also by another name or link), lies in it, or is around it.
     """
     wanted = _followed(Path(output))
-    for given in inputs:
-        if given is None:
+    for named in inputs:
+        if named is None:
             continue
-        source = Path(given)
+        source = Path(named)
         if not source.exists():
             continue
         real = source.resolve()
         if real == wanted or (wanted.exists() and wanted.samefile(real)):
-            raise UsageError(f"output {output} is the input {given}: name another output")
+            raise UsageError(f"output {output} is the input {named}: name another output")
         if real.is_relative_to(wanted):
             raise UsageError(
-                f"output {output} is a folder that holds the input {given}: name another output"
+                f"output {output} is a folder that holds the input {named}: name another output"
             )
         if real.is_dir() and wanted.is_relative_to(real):
-            raise UsageError(f"output {output} lies in the input {given}: name an output outside")
+            raise UsageError(f"output {output} lies in the input {named}: name an output outside")
 
 
 def check_absent(output: str | Path, overwrite: bool) -> None:
@@ -272,16 +272,16 @@ def _followed(path: Path) -> Path:
 def _mode_of_file(target: Path) -> int | None:
     """Return the permissions of a file; None if it does not exist."""
     try:
-        found = target.stat()
+        status = target.stat()
     except FileNotFoundError:
         return None
     except OSError as error:
         raise UsageError(
             f"cannot write {target}: {error.strerror}: name a folder that exists and is writable"
         ) from error
-    if not stat.S_ISREG(found.st_mode):
+    if not stat.S_ISREG(status.st_mode):
         raise UsageError(f"cannot write {target}: it is not a file: name another one")
-    return stat.S_IMODE(found.st_mode)
+    return stat.S_IMODE(status.st_mode)
 
 
 def _name_new_file(new: Path, target: Path) -> None:

@@ -230,13 +230,13 @@ def from_json(kind: type[T], value: object, where: str = "") -> T:
     """
     values = _names(value, where)
     record: Any = kind
-    given = {}
+    by_field = {}
     for name, hint in _hints(record).items():
         if name in values:
-            given[name] = _value(hint, values[name], f"{where}.{name}" if where else name)
+            by_field[name] = _value(hint, values[name], f"{where}.{name}" if where else name)
         elif name not in _defaults(record):
             raise RecordError(f"{where or 'the file'} lacks {name}")
-    return kind(**given)
+    return kind(**by_field)
 
 
 @cache

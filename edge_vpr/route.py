@@ -54,8 +54,8 @@ def length_m(along_m: npt.NDArray[np.float64], window_parts: int) -> float:
     window_parts : int
         Places that start in a window.
     """
-    known = np.flatnonzero(np.isfinite(along_m))
-    last = np.interp([len(along_m) - 2, len(along_m) - 1], known, along_m[known])
+    placed = np.flatnonzero(np.isfinite(along_m))
+    last = np.interp([len(along_m) - 2, len(along_m) - 1], placed, along_m[placed])
     return float(last[0] + (1 + window_parts / 2) * (last[1] - last[0]))
 
 
@@ -79,17 +79,17 @@ class Route(EqualByValue):
         if (self.kind, width) not in _COORDINATES:
             raise MapError(f"position has {width} columns, which no {self.kind} position has")
         check_array(self.along_m, "along_m", (np.float64,), (places,))
-        known = np.isfinite(self.along_m)
-        same = (np.isfinite(self.position) == known[:, None]).all()
-        if not known.any() or not same or np.isinf(self.position).any():
+        placed = np.isfinite(self.along_m)
+        same = (np.isfinite(self.position) == placed[:, None]).all()
+        if not placed.any() or not same or np.isinf(self.position).any():
             raise MapError("position and along_m are not known at the same places, at one or more")
-        at = self.along_m[known]
+        at = self.along_m[placed]
         if at[0] < 0 or at[-1] > _FARTHEST_M or (np.diff(at) < 0).any():
             raise MapError("along_m runs backwards, or is not a length: expected rising metres")
 
     def __repr__(self) -> str:
-        known = int(np.isfinite(self.along_m).sum())
-        return f"Route({known} of {len(self.along_m)} places known, {self.kind})"
+        placed = int(np.isfinite(self.along_m).sum())
+        return f"Route({placed} of {len(self.along_m)} places known, {self.kind})"
 
     @property
     def coordinates(self) -> tuple[str, ...]:
@@ -143,8 +143,8 @@ class Route(EqualByValue):
         first = np.maximum(place - within, 0)
         last = np.minimum(place + within, len(self.along_m) - 1)
         from_m, to_m = before[first], after[last]
-        known = np.concatenate([[0], np.cumsum(np.isfinite(self.along_m))])
-        nothing = known[last + 1] == known[first]
+        placed_before = np.concatenate([[0], np.cumsum(np.isfinite(self.along_m))])
+        nothing = placed_before[last + 1] == placed_before[first]
         return Located(
             self.position[place],
             self.along_m[place],
@@ -164,8 +164,8 @@ class Route(EqualByValue):
         within : int
             See `locate`.
         """
-        found = self.locate(place, within)
-        columns = (*found.position.T, found.along_m, found.from_m, found.to_m)
+        located = self.locate(place, within)
+        columns = (*located.position.T, located.along_m, located.from_m, located.to_m)
         return dict(zip((*self.coordinates, *ALONG), columns, strict=True))
 
     def to_arrays(self) -> dict[str, npt.NDArray[Any]]:
@@ -311,11 +311,11 @@ class Odometry(EqualByValue):
         -------
         travelled_mm, driven_mm : ndarray of int64, shape (n,)
             What counts of it, and all of it; 0 where it is not known.
-        known : ndarray of bool, shape (n,)
+        covered : ndarray of bool, shape (n,)
         """
         meter = Odometer(spacing_mm)
         travelled, driven = np.zeros((2, len(end_us)), dtype=np.int64)
-        known = np.zeros(len(end_us), dtype=np.bool_)
+        covered = np.zeros(len(end_us), dtype=np.bool_)
         read = np.searchsorted(self.time_us, end_us, side="left").tolist()
         before = 0
         for i, count in enumerate(read):
@@ -324,9 +324,9 @@ class Odometry(EqualByValue):
                 before = count
             counted = meter.travelled_mm
             if counted is not None:
-                travelled[i], driven[i], known[i] = counted, meter.driven_mm, True
+                travelled[i], driven[i], covered[i] = counted, meter.driven_mm, True
             meter.end_window()
-        return travelled, driven, known
+        return travelled, driven, covered
 
 
 def ratio_text(driven_m: float, route_m: float) -> str:

@@ -101,8 +101,8 @@ class BurstFilter:
         return [piece for piece in pieces if piece.size]
 
     def _slots(self) -> _Slots:
-        known = self._newest[self._newest[:, 1] > 0]
-        return _Slots(known[:, 0], known[:, 1])
+        held = self._newest[self._newest[:, 1] > 0]
+        return _Slots(held[:, 0], held[:, 1])
 
     def advance(self, until_us: int) -> Events:
         """Advance the time without events, to T = `until_us`.

@@ -566,8 +566,8 @@ def opened(
             f"the recording is of a {drive.sensor} sensor, and sensor {Sensor.of(sensor)} was "
             "given: leave it out"
         )
-    found: EventSource | WindowSource = drive
-    return found
+    source: EventSource | WindowSource = drive
+    return source
 
 
 def check_sensor(recording: Sensor, mapped: Sensor) -> None:
@@ -749,10 +749,10 @@ def count_places(
     pieces = count_windows(
         recording, pixel_map, settings.replaced(part, "parts of a window"), removed
     )
-    found = overlapping(pieces, number)
-    if len(found) == 0:
+    places = overlapping(pieces, number)
+    if len(places) == 0:
         raise too_short(window_of(settings))
-    return found
+    return places
 
 
 def check_parts(recording: EventSource | WindowSource, settings: Settings) -> None:

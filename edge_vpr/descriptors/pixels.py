@@ -463,10 +463,10 @@ def plugin_pixels(
     name = settings.strategy.removeprefix(PLUGIN)
     select = _PLUGINS.load(name)
     if select is None:
-        known = [PLUGIN + each for each in _PLUGINS.names()]
+        names = [PLUGIN + each for each in _PLUGINS.names()]
         raise UsageError(
             f"strategy {settings.strategy} is registered by no installed package: choose from "
-            f"{', '.join([*STRATEGIES, *known])}"
+            f"{', '.join([*STRATEGIES, *names])}"
         )
     chosen = select(statistics, settings, exclude)
     expect(chosen, PixelMap, f"what strategy {name} selects", "a PixelMap(sensor, x, y)")
@@ -578,12 +578,12 @@ def informative_pixels(
     some = counts[:: -(-len(counts) // MOST_WINDOWS)]
     levels = np.ascontiguousarray(OwnMeanCode().level(some).T)
     chosen = np.empty(min(pixels, len(pixel_map)), dtype=np.int64)
-    found = len(pixel_map)
-    if found >= pixels:
-        found = _choose(levels, float(NOISE), chosen)
-    if found < pixels:
+    number = len(pixel_map)
+    if number >= pixels:
+        number = _choose(levels, float(NOISE), chosen)
+    if number < pixels:
         raise UsageError(
-            f"{found} pixels vary and {pixels} were asked for: ask for fewer pixels or map a "
+            f"{number} pixels vary and {pixels} were asked for: ask for fewer pixels or map a "
             "longer traverse"
         )
     return PixelMap(pixel_map.sensor, pixel_map.x[chosen], pixel_map.y[chosen])

@@ -61,19 +61,19 @@ class UnseenTime:
         t : ndarray of int64, shape (n,)
             Times of the next events, rising.
         """
-        found: list[tuple[int, int]] = []
+        pauses: list[tuple[int, int]] = []
         if not t.size:
-            return found
+            return pauses
         if self.is_near(int(t[-1])):
             self.seen_us, self.told = int(t[-1]), False
-            return found
+            return pauses
         for i in self._steps(t):
             self.seen_us, self.told = (int(t[i - 1]), False) if i else (self.seen_us, self.told)
-            found += self.until(int(t[i]))
+            pauses += self.until(int(t[i]))
             if more := -((self.seen_us - int(t[i])) // self.half_us) - 1:  # rounded up
-                found.append((int(t[i]), more))
+                pauses.append((int(t[i]), more))
         self.seen_us, self.told = int(t[-1]), False
-        return found
+        return pauses
 
     def _steps(self, t: npt.NDArray[Any]) -> list[int]:
         """Return which events come a quarter or more after the one before."""

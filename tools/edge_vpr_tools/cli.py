@@ -253,16 +253,16 @@ class VerbParser(argparse.ArgumentParser):
 
     def _refuse_unknown_flags(self, words: Sequence[str]) -> None:
         """Raise for an unknown flag, before argparse reports a missing one in its place."""
-        known = self._option_string_actions
+        flags = self._option_string_actions
         for word in words:
             if word == "--":
                 return
             if not word.startswith("-") or word == "-" or _NEGATIVE.match(word):
                 continue
             flag = word.partition("=")[0]
-            short = not word.startswith("--") and word[:2] in known
-            if flag not in known and not short:
-                longs = [name for name in known if name.startswith("--")]
+            short = not word.startswith("--") and word[:2] in flags
+            if flag not in flags and not short:
+                longs = [name for name in flags if name.startswith("--")]
                 self.error(f"there is no flag {flag}{did_you_mean(flag, longs)}")
 
 

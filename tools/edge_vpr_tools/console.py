@@ -86,21 +86,21 @@ _ARGUMENT = re.compile(
 def in_flags(text: str) -> str:
     """Return a message of the library with the flags of the command in place of its arguments."""
 
-    def flag(found: re.Match[str]) -> str:
-        name, quoted, plain, method = found.groups()
+    def flag(argument: re.Match[str]) -> str:
+        name, quoted, plain, method = argument.groups()
         name = name or method
         possible = _FLAGS_OF.get(name, ["--" + name.replace("_", "-")])
-        known = [each for each in possible if each in _flags[-1]]
-        if not known and _flags[-1]:
-            known = [f"edge-vpr map {each}" for each in possible if each in _OF_MAP]
-        if not known:
-            return found[0]
+        flags = [each for each in possible if each in _flags[-1]]
+        if not flags and _flags[-1]:
+            flags = [f"edge-vpr map {each}" for each in possible if each in _OF_MAP]
+        if not flags:
+            return argument[0]
         if plain == "False":
-            return known[0].replace("--", "--no-", 1)
+            return flags[0].replace("--", "--no-", 1)
         value = quoted if plain in (None, "True") else plain
         if not value:
-            return known[0]
-        return known[0] + ("=" if value.startswith("-") else " ") + value
+            return flags[0]
+        return flags[0] + ("=" if value.startswith("-") else " ") + value
 
     return _ARGUMENT.sub(flag, text)
 

@@ -165,8 +165,8 @@ def map_settings(args: argparse.Namespace) -> Settings:
 def given_map_flags(args: argparse.Namespace) -> list[str]:
     """Return the given flags that belong to making a map and not to matching; no ``--preset``."""
     decide = [field for field in SETTING_FIELDS.values() if field.group != _MATCHING_GROUP]
-    given = ["--config"] if args.config is not None else []
-    return given + [field.flag for field in decide if getattr(args, field.key) is not None]
+    flags = ["--config"] if args.config is not None else []
+    return flags + [field.flag for field in decide if getattr(args, field.key) is not None]
 
 
 def match_flags(args: argparse.Namespace) -> dict[str, Any]:
@@ -202,10 +202,10 @@ def with_match_flags(
 
 
 def _warn_of_no_effect(
-    args: argparse.Namespace, settings: Settings, known: Iterable[SettingField]
+    args: argparse.Namespace, settings: Settings, offered: Iterable[SettingField]
 ) -> None:
     """Warn of each given flag that has no effect with the other settings; not of ``--no-...``."""
-    for field in known:
+    for field in offered:
         if getattr(args, field.key) in (None, False) or field.needs is None:
             continue
         name, values = field.needs
@@ -268,18 +268,18 @@ def _form(field: SettingField) -> dict[str, Any]:
 def _checked(field: SettingField) -> Callable[[str], str]:
     """Return a function that checks a given value, raises if it is wrong, and returns it."""
 
-    def word(given: str) -> str:
+    def word(typed: str) -> str:
         try:
-            value = field.value_of(given)
+            value = field.value_of(typed)
             if field.choices:
                 field.check(value)
         except UsageError:
             expected = f": expected {field.accepted}"
             if field.choices:
                 listed = ", ".join((*field.choices, "plugin:NAME"))
-                expected = did_you_mean(given, field.choices) or f": choose from {listed}"
-            raise argparse.ArgumentTypeError(f"{given!r}{expected}") from None
-        return given
+                expected = did_you_mean(typed, field.choices) or f": choose from {listed}"
+            raise argparse.ArgumentTypeError(f"{typed!r}{expected}") from None
+        return typed
 
     return word
 

@@ -98,8 +98,8 @@ def recorded_case(
     taken = min(others.size, fit, int(chosen.sum()))
     chosen[others[np.linspace(0, others.size - 1, taken).astype(np.int64)]] = True
     clock = 1 << design.timestamp_bits
-    found = tuple(Event(t % clock, x, y, bool(p)) for t, x, y, p in events[:end][chosen].tolist())
-    case = Case("drive", memories, found)
+    of_case = tuple(Event(t % clock, x, y, bool(p)) for t, x, y, p in events[:end][chosen].tolist())
+    case = Case("drive", memories, of_case)
     matches = len(case.trace().matches)
     if not matches:
         raise UsageError(

@@ -332,8 +332,8 @@ class View:
         if self._panel is not None:
             texts = self._texts(status)
             share = self._position(filled) if self._places else None
-            known = any(each is not None for each in self._recent)
-            recent = tuple(self._recent) if known else ()
+            has_trust = any(each is not None for each in self._recent)
+            recent = tuple(self._recent) if has_trust else ()
             self._panel.show(texts, share, recent, stale=silent)
             self.unread |= self._panel.gone
         elif not self._quiet:
@@ -429,9 +429,9 @@ class View:
     def _certainty(self, match: Match, *, gone: bool) -> Iterator[str]:
         """Yield how certain a match is; a place where the robot is not has no probability."""
         if not (gone or match.lost):
-            known = not math.isnan(match.probability)
+            has_table = not math.isnan(match.probability)
             ratio = "ratio -" if math.isnan(match.ratio) else f"ratio {match.ratio:.3f}"
-            yield f"probability {match.probability:.2f}" if known else ratio
+            yield f"probability {match.probability:.2f}" if has_table else ratio
         if match.misfit >= OFF_MAP_MISFIT:
             yield OFF_MAP_TEXT
         if match.missing == 1:

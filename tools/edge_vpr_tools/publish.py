@@ -53,13 +53,13 @@ def parse_address(address: str) -> tuple[str, int]:
     >>> parse_address("7000"), parse_address("0.0.0.0:7000"), parse_address("[::1]:7000")
     (('127.0.0.1', 7000), ('0.0.0.0', 7000), ('::1', 7000))
     """
-    found = _ADDRESS.fullmatch(address)
-    if found is None or int(found["port"]) > 65_535:
+    parts = _ADDRESS.fullmatch(address)
+    if parts is None or int(parts["port"]) > 65_535:
         raise UsageError(
             f"--http {address}: expected a port, as 7000, or an address to listen on with a port, "
             "as 0.0.0.0:7000"
         )
-    return found["six"] or found["host"] or "127.0.0.1", int(found["port"])
+    return parts["six"] or parts["host"] or "127.0.0.1", int(parts["port"])
 
 
 class _Reader:
@@ -214,26 +214,26 @@ class MatchServer(ThreadingHTTPServer):
         with self._changed:
             health, match = (self._newest.get(kind) for kind in ("health", "match"))
         now = time.monotonic()
-        found = {} if health is None else json.loads(health.line)
+        newest_health = {} if health is None else json.loads(health.line)
         since_s = 0.0 if health is None else now - health.at_s
         why = ""
         if health is None:
             why = self.stage or "edge-vpr has only just begun"
         elif since_s > STUCK_S:
             why = f"edge-vpr stands still for {since_s:.0f} s"
-        elif found["lost_link"]:
-            why = f"the link is lost: {found['lost_link']}"
-        elif found["silent_s"] > SILENT_S:
-            why = f"nothing came for {found['silent_s']:.0f} s"
+        elif newest_health["lost_link"]:
+            why = f"the link is lost: {newest_health['lost_link']}"
+        elif newest_health["silent_s"] > SILENT_S:
+            why = f"nothing came for {newest_health['silent_s']:.0f} s"
         newest = None
         if match is not None:
             newest = json.loads(match.line)
             newest["age_s"] = (newest.get("age_s") or 0.0) + now - match.at_s
-            if newest["age_s"] > (found.get("max_age_s") or math.inf):
+            if newest["age_s"] > (newest_health.get("max_age_s") or math.inf):
                 newest["lost"], newest["probability"] = True, 0.0
         # to restart what still compiles would only begin it again
         ok = health is None or not why
-        return {"ok": ok, "why": why, "health": found or None, "match": newest}
+        return {"ok": ok, "why": why, "health": newest_health or None, "match": newest}
 
     # connections
 
@@ -344,9 +344,9 @@ class _Request(BaseHTTPRequestHandler):
         if path == "/":
             self._answer(HTTPStatus.OK, "text/html", _PAGE)
         elif path == "/health":
-            found = self.server.health()
-            status = HTTPStatus.OK if found["ok"] else HTTPStatus.SERVICE_UNAVAILABLE
-            self._answer(status, "application/json", json.dumps(found).encode() + b"\n")
+            health = self.server.health()
+            status = HTTPStatus.OK if health["ok"] else HTTPStatus.SERVICE_UNAVAILABLE
+            self._answer(status, "application/json", json.dumps(health).encode() + b"\n")
         elif path == "/events":
             self._events()
         else:

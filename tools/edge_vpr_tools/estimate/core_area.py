@@ -108,12 +108,12 @@ def _terms(design: Design) -> tuple[int, ...]:
 
 def measure(designs: Mapping[str, Design]) -> list[Netlist]:
     """Synthesize and pack designs; raises `firmware_model.errors.ToolError` as the report does."""
-    found = []
+    netlists = []
     for name, design in designs.items():
         taken, there = packed_cells(design, ICEBREAKER)["logic cells"]
         print(f"{name}: {taken} of {there}", file=sys.stderr, flush=True)
-        found.append(Netlist(name, taken, there))
-    return found
+        netlists.append(Netlist(name, taken, there))
+    return netlists
 
 
 def main() -> None:

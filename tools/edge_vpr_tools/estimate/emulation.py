@@ -125,7 +125,7 @@ def count(target: Target, elf: Path, design: Design, seed: int = 0) -> Counted:
 
 def fit(designs: Sequence[Design], counted: Sequence[Counted]) -> dict[str, float]:
     """Solve for the coefficients by least squares of the relative errors."""
-    found: dict[str, float] = {}
+    coefficients: dict[str, float] = {}
     for group in _GROUPS:
         window = group in _WINDOWS
         pairs = [
@@ -134,8 +134,8 @@ def fit(designs: Sequence[Design], counted: Sequence[Counted]) -> dict[str, floa
             if group in _groups(d)
         ]
         solved = _solve([terms for terms, _ in pairs], [count for _, count in pairs])
-        found |= dict(zip(group, solved, strict=True))
-    return found
+        coefficients |= dict(zip(group, solved, strict=True))
+    return coefficients
 
 
 @cache
@@ -150,10 +150,10 @@ def scaling() -> Mapping[str, Mapping[str, float]]:
 
 def predict(design: Design, core: str) -> Counted:
     """Predict the instructions of a window's end and of a match on a processor."""
-    found = scaling()[core]
+    coefficients = scaling()[core]
     of_window, of_match = _groups(design)
-    window = sum(found[n] * x for n, x in zip(of_window, _window_terms(design), strict=True))
-    match = sum(found[n] * x for n, x in zip(of_match, _match_terms(design), strict=True))
+    window = sum(coefficients[n] * x for n, x in zip(of_window, _window_terms(design), strict=True))
+    match = sum(coefficients[n] * x for n, x in zip(of_match, _match_terms(design), strict=True))
     return Counted(round(window), round(match))
 
 
@@ -201,14 +201,14 @@ def _filter_terms(design: Design, rows: int) -> tuple[int, ...]:
 def _solve(terms: Sequence[Sequence[int]], counted: Sequence[int]) -> list[float]:
     weight = 1.0 / np.array(counted, dtype=np.float64)
     weighted = np.array(terms) * weight[:, None]
-    found: list[float] = np.linalg.lstsq(weighted, np.ones(len(counted)), rcond=None)[0].tolist()
-    return found
+    solved: list[float] = np.linalg.lstsq(weighted, np.ones(len(counted)), rcond=None)[0].tolist()
+    return solved
 
 
 def random_designs(number: int, seed: int) -> list[Design]:
     """Draw designs of both profiles that the firmware holds, with 20 places or more."""
-    rng, found = np.random.default_rng(seed), list[Design]()
-    while len(found) < number:
+    rng, designs = np.random.default_rng(seed), list[Design]()
+    while len(designs) < number:
         by_filter = rng.random() < 0.7
         matching: dict[str, Any] = {"length": int(rng.integers(1, 20))}
         if by_filter:
@@ -222,8 +222,8 @@ def random_designs(number: int, seed: int) -> list[Design]:
                 places=int(rng.integers(20, 120)), code_bits=int(rng.integers(1, 5)), **matching,
             )  # fmt: skip
             check_limits(design)
-            found.append(design)
-    return found
+            designs.append(design)
+    return designs
 
 
 def error(target: Target, elf: Path, design: Design, seed: int = 0) -> float:
@@ -253,8 +253,8 @@ def main() -> None:
         for target in COUNTED:
             elf = build(target, folder)
             designs = FITTED_ON + _FILTERS
-            found = fit(designs, [count(target, elf, design) for design in designs])
-            values = (f"{value:.3f}" for value in found.values())
+            coefficients = fit(designs, [count(target, elf, design) for design in designs])
+            values = (f"{value:.3f}" for value in coefficients.values())
             lines.append(",".join((target.name, compiler(target), *values)))
     SCALING.write_text("\n".join(lines) + "\n", encoding="ascii")
 

@@ -243,7 +243,7 @@ def recommend(design: Design, mission: Mission, limits: Limits) -> Recommendatio
     design : Design
         All but pixels, bits, and places per window is taken from it.
     """
-    found = []
+    candidates = []
     whole = math.ceil(design.places / design.places_per_window)
     exclusion = design.exclusion // design.places_per_window
     for size in tried_designs():
@@ -254,16 +254,16 @@ def recommend(design: Design, mission: Mission, limits: Limits) -> Recommendatio
         )  # fmt: skip
         share = min(1.0, mission.selected_share * size.pixels / design.pixels)
         device = on_target(changed, replace(mission, selected_share=share), limits)
-        found.append(Candidate(size, device))
-    fitting = [one for one in found if not one.device.limited_by]
+        candidates.append(Candidate(size, device))
+    fitting = [one for one in candidates if not one.device.limited_by]
     if not fitting:
-        smallest = min(found, key=lambda one: one.device.memory.total)
+        smallest = min(candidates, key=lambda one: one.device.memory.total)
         return Recommendation(None, smallest.device.limited_by)
     most_correct = max(fitting, key=lambda one: one.tried.accuracy)
     best = most_correct.tried
     as_good = [one for one in fitting if one.tried.accuracy >= best.accuracy - best.error]
     chosen = min(as_good, key=lambda one: (one.device.memory.total, -one.tried.accuracy))
-    better = [one for one in found if one.tried.accuracy > best.accuracy]
+    better = [one for one in candidates if one.tried.accuracy > best.accuracy]
     limit = ""
     if better:
         limit = min(better, key=lambda one: one.device.memory.total).device.limited_by

@@ -79,7 +79,7 @@ def _per_joule(of: Cost, events_per_s: float) -> str:
 
 
 def show_design(
-    found: Mapping[Target, DesignOnTarget],
+    estimates: Mapping[Target, DesignOnTarget],
     at_rates: Mapping[Target, Mapping[float, Cost]],
     rate_is: str,
     budgets: Sequence[Budget] = (),
@@ -99,52 +99,52 @@ def show_design(
     rows = [
         [target.name, f"{of.cost.clock_hz / 1e6:.4g}", *_memory(of), _time(of), _energy(of.cost),
          *(_per_joule(at_rates[target][rate], rate) for rate in rates)]
-        for target, of in found.items()
+        for target, of in estimates.items()
     ]  # fmt: skip
     powers = [f"10^{len(str(round(rate))) - 1}\n/s" for rate in rates]
     title = "a match; on the right, matches per joule by events/s (modelled)"
     header = ["target", "MHz", *MEMORY, "time\nms", ENERGY, *powers]
     table(header, rows, title=title, width=WIDTH)
-    of = next(iter(found.values()))
+    of = next(iter(estimates.values()))
     *operations, moved = search_work(of.design)
     match_s = 1 / of.mission.matches_per_s
-    over = [f"{target.name} ({of.limited_by})" for target, of in found.items() if of.limited_by]
+    over = [f"{target.name} ({of.limited_by})" for target, of in estimates.items() if of.limited_by]
     text = (
         f"{design_text(of.design)}. A search of all places takes {sum(operations):,} operations, "
         f"{of.design.places * of.design.slots:,} of them differences of codes, and moves "
         f"{size_text(moved)}. Flash holds the map and the C firmware; all memories of an FPGA are "
         "RAM. Time and energy of a match, with its events, are at "
         f"{of.mission.events_per_s:,.0f} events/s of the whole sensor ({rate_is}), one match every "
-        f"{match_s:.3g} s, at an assumed clock. {_energies(found.values())}"
+        f"{match_s:.3g} s, at an assumed clock. {_energies(estimates.values())}"
     )
     if any(SLOW in row for row in rows):
         text += f" {SLOW}: the device, or the SPI line to an FPGA, may not keep up."
     if over:
         text += f" Over its limits: {', '.join(over)}."
     elif budgets:
-        text += f" Within the limits{_but_at_rest(found, budgets)}."
-    if len(found) == 1:
-        text += _of_one(next(iter(found)), of)
+        text += f" Within the limits{_but_at_rest(estimates, budgets)}."
+    if len(estimates) == 1:
+        text += _of_one(next(iter(estimates)), of)
     say(text, width=WIDTH)
 
 
-def _energies(found: Collection[DesignOnTarget]) -> str:
+def _energies(estimates: Collection[DesignOnTarget]) -> str:
     """Return what energies include, and how far off they may be by their constants."""
-    known = [of.cost.per_match_j for of in found if of.cost.per_match_j is not None]
-    if not known:
+    energies_j = [of.cost.per_match_j for of in estimates if of.cost.per_match_j is not None]
+    if not energies_j:
         return "Energy is unknown (--sources)."
-    low = min(value.low / value.central for value in known)
-    high = max(value.high / value.central for value in known)
-    unknown = "; - is unknown" * (len(known) < len(found))
+    low = min(value.low / value.central for value in energies_j)
+    high = max(value.high / value.central for value in energies_j)
+    unknown = "; - is unknown" * (len(energies_j) < len(estimates))
     return (
         f"Energy, also in matches per joule, is of {WORK}; it may be {low:.2g} to {high:.2g} times "
         f"this{unknown} (--sources)."
     )
 
 
-def _but_at_rest(found: Mapping[Target, DesignOnTarget], budgets: Sequence[Budget]) -> str:
+def _but_at_rest(estimates: Mapping[Target, DesignOnTarget], budgets: Sequence[Budget]) -> str:
     """Return which devices keep a limit of power by their work alone."""
-    names = [target.name for target, of in found.items() if of.cost.idle_w is None]
+    names = [target.name for target, of in estimates.items() if of.cost.idle_w is None]
     if not names or all(budget.quantity != "watts" for budget in budgets):
         return ""
     return f", but power at rest is unknown, and whether its limit is kept: {', '.join(names)}"
@@ -180,7 +180,7 @@ def design_text(of: Design) -> str:
 
 
 def show_recommended(
-    found: Mapping[Target, Recommendation],
+    recommended: Mapping[Target, Recommendation],
     budgets: Sequence[Budget],
     mission: Mission,
 ) -> None:
@@ -190,7 +190,7 @@ def show_recommended(
     limits: list[str] = []
     none: list[str] = []
     larger: list[str] = []
-    for target, one in found.items():
+    for target, one in recommended.items():
         if one.limit:
             exceeded = f"{target.name} ({one.limit})"
             (none if one.best is None else limits).append(exceeded)
@@ -212,7 +212,7 @@ def show_recommended(
                 f"({size.accuracy:.3f})"
             )
     not_fitting = f"No design fits: {', '.join(none)}." if none else ""
-    if len(none) == len(found):
+    if len(none) == len(recommended):
         _say(not_fitting)
         return
     last = "mW at\nmost" if power else ENERGY

@@ -92,11 +92,11 @@ class Target:
         """
         path = Path(path)
         values = _read(path)
-        known = {field.name for field in fields(cls)} - {"name"}
+        keys = {field.name for field in fields(cls)} - {"name"}
         for name in values:
-            if name not in known:
+            if name not in keys:
                 raise UsageError(
-                    f"{path} has the unknown name {name!r}: choose from {sorted(known)}"
+                    f"{path} has the unknown name {name!r}: choose from {sorted(keys)}"
                 )
         with parse_errors(path, "a target", "check its values"):
             try:
@@ -121,12 +121,12 @@ class Target:
 
 def find(name: str) -> Target:
     """Find a target by the name of its file here, or by the path of the user's own."""
-    known = names()
-    if name in known:
+    targets = names()
+    if name in targets:
         return Target.load(_HERE / "targets" / f"{name}.toml")
     if name.endswith(".toml"):
         return Target.load(name)
-    raise UsageError(f"target {name!r}: choose from {', '.join(known)}, or name a TOML file")
+    raise UsageError(f"target {name!r}: choose from {', '.join(targets)}, or name a TOML file")
 
 
 def names() -> list[str]:
@@ -140,11 +140,11 @@ def constants() -> Mapping[str, Constant]:
     return {
         name: Constant(
             name=name,
-            unit=given["unit"],
-            value=Spread(given["low"], given["central"], given["high"]),
-            **{key: given[key] for key in ("year", "node", "source", "uncertainty")},
+            unit=row["unit"],
+            value=Spread(row["low"], row["central"], row["high"]),
+            **{key: row[key] for key in ("year", "node", "source", "uncertainty")},
         )
-        for name, given in _read(_HERE / "energy.toml").items()
+        for name, row in _read(_HERE / "energy.toml").items()
     }
 
 

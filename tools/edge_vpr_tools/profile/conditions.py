@@ -43,18 +43,18 @@ class Conditions:
 
     def __str__(self) -> str:
         """Return the known conditions, with units."""
-        known = []
+        parts = []
         if self.governor is not None:
-            known.append(f"governor {self.governor}")
+            parts.append(f"governor {self.governor}")
         if self.frequency_hz is not None:
-            known.append(f"clock {self.frequency_hz / 1e6:,.0f} MHz")
+            parts.append(f"clock {self.frequency_hz / 1e6:,.0f} MHz")
         if self.temperature_c is not None:
-            known.append(f"{self.temperature_c:.1f} degrees Celsius")
+            parts.append(f"{self.temperature_c:.1f} degrees Celsius")
         if self.throttled is not None:
-            known.append(f"throttled 0x{self.throttled:x}")
+            parts.append(f"throttled 0x{self.throttled:x}")
         if self.throttle_events is not None:
-            known.append(f"throttled {self.throttle_events} times since the start")
-        return ", ".join(known) or "governor, clock, temperature and throttling are not known"
+            parts.append(f"throttled {self.throttle_events} times since the start")
+        return ", ".join(parts) or "governor, clock, temperature and throttling are not known"
 
     @property
     def faults(self) -> list[str]:

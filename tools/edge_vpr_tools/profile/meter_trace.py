@@ -204,11 +204,11 @@ def _chosen(
         if text is None:
             same = [one for one in columns if one.quantity == quantity]
         else:
-            asked = Column.parse(text)
+            named = Column.parse(text)
             same = [
-                one._replace(unit=asked.unit or one.unit)
+                one._replace(unit=named.unit or one.unit)
                 for one in columns
-                if one.name == asked.name
+                if one.name == named.name
             ]
         if len(same) != 1:
             names = ", ".join(repr(one.name) for one in same or columns)

@@ -187,8 +187,8 @@ def with_meter(path: Path, meter: Path, stated: Stated) -> Profile:
     UsageError
         If the profile has no windows for a meter, or the trace does not contain them.
     """
-    found = Profile.load_file(path)
-    energy = found.energy
+    profile = Profile.load_file(path)
+    energy = profile.energy
     windows = energy.windows  # an earlier trace leaves them, to be computed again
     if not windows:
         raise UsageError(f"{path} took no turns for a meter: make it with --meter")
@@ -213,10 +213,10 @@ def with_meter(path: Path, meter: Path, stated: Stated) -> Profile:
     except SensorError as error:
         raise UsageError(f"{meter}: {error}") from None
     return replace(
-        found,
+        profile,
         energy=replace(
             measured,
-            figures=None if found.void else measured.figures,
+            figures=None if profile.void else measured.figures,
             began_unix_s=energy.began_unix_s,
         ),
     )
@@ -248,12 +248,12 @@ class Number(NamedTuple):
     why: str = ""
 
 
-def numbers(found: Profile) -> Iterator[Number]:
+def numbers(profile: Profile) -> Iterator[Number]:
     """Yield the numbers of a profile, in the same order and with the same names for each."""
-    for name, value in asdict(found.throughput).items():
+    for name, value in asdict(profile.throughput).items():
         yield Number(name, value)
     for name in BOUNDED:
-        yield _of_energy(found.energy, name, found.void)
+        yield _of_energy(profile.energy, name, profile.void)
 
 
 def _of_energy(energy: Energy, name: str, void: bool) -> Number:

@@ -65,35 +65,35 @@ def cell(of: Number) -> str:
     return f"{of.value:,.0f}" if of.value >= 10_000 else f"{of.value:,.1f}"
 
 
-def rows(found: Profile) -> list[tuple[str, str]]:
+def rows(profile: Profile) -> list[tuple[str, str]]:
     """Return the figures of a profile as pairs of name and value; missing ones are marked."""
-    cells = {one.name: cell(one) for one in numbers(found) if one.name in COMPARED}
+    cells = {one.name: cell(one) for one in numbers(profile) if one.name in COMPARED}
     (_, headline), *others = ((title, cells[name]) for name, (title, _) in COMPARED.items())
     # what the headline includes, and at which rate of events, stands beside it
-    rate = f"{found.drive_events_per_s:,.0f}"
+    rate = f"{profile.drive_events_per_s:,.0f}"
     return [(f"{PER_JOULE}: what the work adds, at the drive's {rate} events/s", headline), *others]
 
 
-def notes(found: Profile) -> list[str]:
+def notes(profile: Profile) -> list[str]:
     """Return notes on the figures."""
     notes = []
-    if found.quick:
+    if profile.quick:
         notes.append("--quick: windows too short for a figure to be published.")
-    if found.void:
+    if profile.void:
         notes.append(
-            f"VOID: the board was throttled ({found.conditions.void_because}). Cool it, or give "
+            f"VOID: the board was throttled ({profile.conditions.void_because}). Cool it, or give "
             "it a stronger supply, and run again."
         )
     notes += [
-        f"Load: {found.recording}, in packets of {PACKET:,} events, a match each window. Time and "
-        "energy of a match include the counting of its events.",
-        _machine(found),
+        f"Load: {profile.recording}, in packets of {PACKET:,} events, a match each window. Time "
+        "and energy of a match include the counting of its events.",
+        _machine(profile),
     ]
     moments: dict[str, list[str]] = {}
-    for when, conditions in found.conditions.named().items():
+    for when, conditions in profile.conditions.named().items():
         moments.setdefault(str(conditions), []).append(when)
     notes += [f"{', '.join(when).capitalize()}: {text}." for text, when in moments.items()]
-    return notes + _energy_notes(found.energy)
+    return notes + _energy_notes(profile.energy)
 
 
 def _energy_notes(energy: Energy) -> list[str]:
@@ -164,11 +164,11 @@ def _sensor(sensor: About) -> str:
     )
 
 
-def _machine(found: Profile) -> str:
-    versions = ", ".join(f"{name} {version}" for name, version in found.run.versions.items())
+def _machine(profile: Profile) -> str:
+    versions = ", ".join(f"{name} {version}" for name, version in profile.run.versions.items())
     return (
-        f"Board {found.board or 'not known'}, {found.run.machine.processor}; kernel "
-        f"{found.kernel}; {versions}."
+        f"Board {profile.board or 'not known'}, {profile.run.machine.processor}; kernel "
+        f"{profile.kernel}; {versions}."
     )
 
 
@@ -179,18 +179,18 @@ def _machine(found: Profile) -> str:
 WIDTH = 110
 
 
-def show(found: Profile) -> None:
+def show(profile: Profile) -> None:
     """Print a profile."""
-    table(("measured", ""), rows(found), title=found.run.machine.processor, width=WIDTH)
-    for line in notes(found):
+    table(("measured", ""), rows(profile), title=profile.run.machine.processor, width=WIDTH)
+    for line in notes(profile):
         say(line, width=WIDTH)
 
 
-def check_shown(found: Profile, path: Path) -> None:
+def check_shown(profile: Profile, path: Path) -> None:
     """Raise `UsageError` unless all shown parts of a profile are valid."""
     with parse_errors(path, "a profile", "make it again with edge-vpr profile"):
-        _ = rows(found), notes(found)
-        for number in numbers(found):
+        _ = rows(profile), notes(profile)
+        for number in numbers(profile):
             for value in number[1:4]:
                 if value is not None and not math.isfinite(value):
                     raise ValueError(f"{number.name} is {value}")
@@ -199,26 +199,26 @@ def check_shown(found: Profile, path: Path) -> None:
 # The files of a profile.
 
 
-def write_profile(found: Profile, folder: Path, *, name: str = PROFILE) -> None:
+def write_profile(profile: Profile, folder: Path, *, name: str = PROFILE) -> None:
     """Write a profile to a file of this name, with its spreadsheet and its report."""
-    write_json(folder / name, found)
+    write_json(folder / name, profile)
     header = ("quantity", "value", "low", "high")
-    write_spreadsheet(folder / "profile.csv", header, [one[:4] for one in numbers(found)])
-    write_report(found, folder)
+    write_spreadsheet(folder / "profile.csv", header, [one[:4] for one in numbers(profile)])
+    write_report(profile, folder)
 
 
-def write_report(found: Profile, folder: Path) -> None:
+def write_report(profile: Profile, folder: Path) -> None:
     """Write ``report.html``, with figures."""
     page = Page("edge-vpr: what a match costs on this machine")
-    page.text(found.run.machine.processor)
-    page.table(("measured", ""), rows(found))
-    for line in notes(found):
+    page.text(profile.run.machine.processor)
+    page.table(("measured", ""), rows(profile))
+    for line in notes(profile):
         page.text(line)
-    if found.energy.trace is not None and found.energy.figures is not None:
+    if profile.energy.trace is not None and profile.energy.figures is not None:
         page.heading("Energy")
         caption = "Power; idle and load windows are shaded."
-        page.picture(save(power_trace(found.energy), folder / "power.png"), caption)
-    add_run(page, found.run)
+        page.picture(save(power_trace(profile.energy), folder / "power.png"), caption)
+    add_run(page, profile.run)
     page.write(folder / results.REPORT)
 
 

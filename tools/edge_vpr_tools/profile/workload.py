@@ -90,14 +90,14 @@ class Workload:
     def _feed(self) -> None:
         packet = self._packets[self._next]
         start = time.perf_counter()
-        found: npt.NDArray[np.void] = self._localiser.update(packet)
+        matches: npt.NDArray[np.void] = self._localiser.update(packet)
         took = time.perf_counter() - start
         # the same events again, one round later
         packet.t += self._period
         self._next = (self._next + 1) % len(self._packets)
         self.events += packet.size
-        self.matches += found.size
-        if found.size:
+        self.matches += matches.size
+        if matches.size:
             self.latencies_s.append(took)
 
 

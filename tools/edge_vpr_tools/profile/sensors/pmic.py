@@ -59,12 +59,12 @@ def parse(text: str) -> float:
     SensorError
         If no rail has both a voltage and a current.
     """
-    found: dict[str, dict[str, float]] = {}
+    by_rail: dict[str, dict[str, float]] = {}
     for line in text.splitlines():
         form = _LINE.match(line)
         if form:
-            found.setdefault(form[1], {})[form[2]] = float(form[3])
-    rails = [rail["A"] * rail["V"] for rail in found.values() if len(rail) == 2]
+            by_rail.setdefault(form[1], {})[form[2]] = float(form[3])
+    rails = [rail["A"] * rail["V"] for rail in by_rail.values() if len(rail) == 2]
     if not rails:
         raise SensorError("vcgencmd pmic_read_adc tells no rail's voltage and current")
     return sum(rails)

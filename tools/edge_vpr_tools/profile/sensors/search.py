@@ -23,8 +23,8 @@ def find_sensors(root: Path = ROOT) -> tuple[list[Sensor], list[Missing]]:
     finders: tuple[Finder, ...] = (hwmon.find, hwmon.find_iio, pmic.find, powercap.find)
     sensors, missing = [], []
     for finder in finders:
-        found, absent = finder(root)
-        sensors += found
+        of_kind, absent = finder(root)
+        sensors += of_kind
         missing += absent
     return sensors, missing
 
@@ -44,10 +44,10 @@ def choose_sensor(
     """
     sensors, missing = find_sensors(root)
     if name is not None:
-        known = ", ".join(sensor.about.name for sensor in sensors) or "none"
+        names = ", ".join(sensor.about.name for sensor in sensors) or "none"
         sensors = [sensor for sensor in sensors if sensor.about.name == name]
         if not sensors:
-            raise UsageError(f"there is no power sensor {name!r}: this machine has {known}")
+            raise UsageError(f"there is no power sensor {name!r}: this machine has {names}")
     for unused in sensors[1:]:
         unused.close()
     if not sensors:
