@@ -65,7 +65,7 @@ def kernel(
         The compiled function; the function itself if the compiler is off (NUMBA_DISABLE_JIT).
     """
     if function is None:
-        return lambda given: kernel(given, inline=inline, inner=inner)
+        return lambda decorated: kernel(decorated, inline=inline, inner=inner)
     options: Any = {"nogil": True, "inline": inline, "no_cpython_wrapper": inner}
     options["no_cfunc_wrapper"] = True  # no C code calls kernels
     try:
@@ -90,8 +90,8 @@ def plain(kernel: Callable[..., Any]) -> Callable[..., Any]:
     return function
 
 
-def specialise(kernel: Callable[..., Any], *given: object) -> Callable[..., Any]:
-    """Return the compiled code of a kernel for arguments of the same types as the given ones.
+def specialise(kernel: Callable[..., Any], *examples: object) -> Callable[..., Any]:
+    """Return the compiled code of a kernel for arguments of the same types as the examples.
 
     A kernel resolves the types of its arguments at each call. This takes 1 us for a `KernelState`,
     and longer than the rest of the call if other work has evicted the caches. The code must never
@@ -99,7 +99,7 @@ def specialise(kernel: Callable[..., Any], *given: object) -> Callable[..., Any]
     """
     if not isinstance(kernel, Dispatcher):
         return kernel
-    code: Callable[..., Any] = kernel.compile(tuple(map(kernel.typeof_pyval, given)))
+    code: Callable[..., Any] = kernel.compile(tuple(map(kernel.typeof_pyval, examples)))
     return code
 
 
@@ -186,18 +186,18 @@ def _imported(function: Callable[..., Any]) -> str:
 
     A kernel enters with the stamp of its source, which covers the kernels that it calls in turn.
     """
-    found: list[tuple[Any, ...]] = []
+    imported: list[tuple[Any, ...]] = []
     for name, value in sorted(function.__globals__.items()):
         file = _cache_file(value)
         if file is not None:
-            found.append((name, file._source_stamp))
+            imported.append((name, file._source_stamp))
         elif isinstance(value, type) and issubclass(value, tuple):
-            found.append((name, getattr(value, "_fields", ())))
+            imported.append((name, getattr(value, "_fields", ())))
         elif isinstance(value, np.ndarray):
-            found.append((name, value.dtype, value.shape, value.tobytes()))
+            imported.append((name, value.dtype, value.shape, value.tobytes()))
         elif isinstance(value, _CONSTANTS):
-            found.append((name, value))
-    return hashlib.sha256(repr(found).encode()).hexdigest()
+            imported.append((name, value))
+    return hashlib.sha256(repr(imported).encode()).hexdigest()
 
 
 def _cache_file(value: object) -> Any:

@@ -406,9 +406,9 @@ def _choose_pixels(
             "selected only from two windows or more: take shorter windows (tau=), or a "
             "longer drive"
         )
-    given = _given_pixels(first, settings.pixels, hot)
-    if given is not None:
-        return given
+    named = _given_pixels(first, settings.pixels, hot)
+    if named is not None:
+        return named
     excluded = hot | uncounted
     if settings.strategy == "information":
         listed = shortlist(saliency, excluded)
@@ -533,9 +533,9 @@ def with_places(settings: Settings, recording: EventSource | WindowSource | None
 # Tracks, odometry and clocks of the part of a recording that is read.
 
 
-def track_of(given: AnyTrack | None) -> Track | None:
+def track_of(track: AnyTrack | None) -> Track | None:
     """Return a track, read from its file if that is given."""
-    return None if given is None else loaded_track(given)
+    return None if track is None else loaded_track(track)
 
 
 def loaded_track(track: AnyTrack) -> Track:
@@ -548,9 +548,11 @@ def loaded_track(track: AnyTrack) -> Track:
     return load_track(track)
 
 
-def odometry_of(given: Odometry | TableData | str | Path | None) -> Odometry | None:
+def odometry_of(odometry: Odometry | TableData | str | Path | None) -> Odometry | None:
     """Return odometry, read from its file if that is given."""
-    return given if given is None or isinstance(given, Odometry) else load_odometry(given)
+    return (
+        odometry if odometry is None or isinstance(odometry, Odometry) else load_odometry(odometry)
+    )
 
 
 _Timed = TypeVar("_Timed", bound=Track | Odometry | None)

@@ -156,12 +156,12 @@ def _match_events(
         reference.pixel_map, window_of(reference.settings)
     )
     windows: list[WindowCounts] = []
-    found: list[npt.NDArray[np.void]] = []
+    parts: list[npt.NDArray[np.void]] = []
     events_fed, busy_s = 0, 0.0
     removed, fed = Removed(), OdometryFeed(localiser, odometry)
     for events in cleaned(drive, reference.settings, removed):
         start = working_s()
-        found += fed.update(events)
+        parts += fed.update(events)
         busy_s += working_s() - start
         events_fed += events.size
         if stream is not None:
@@ -171,11 +171,11 @@ def _match_events(
                 stream, windows = None, []
     end_us = end_of(drive)
     start = working_s()
-    found += fed.finish(end_us)
+    parts += fed.finish(end_us)
     busy_s += working_s() - start
     if stream is not None and end_us is not None:
         windows += stream.advance(end_us)
-    rows = join_matches(found)
+    rows = join_matches(parts)
     if rows.size == 0:
         raise UsageError(
             "the recording ended before a sequence of "
