@@ -36,7 +36,8 @@ class Unwrapper:
     """Continue a clock of `bits` bits beyond its wraps, chunk by chunk.
 
     A step between two events goes in the shorter direction, forwards or backwards: slightly late
-    events stay late, also across a wrap.
+    events stay late, also across a wrap. So a pause of more than half a period looks like a step
+    back, and whole periods of a longer one are lost. EVT 3.0 has a rule of its own (`prophesee`).
 
     Examples
     --------

@@ -381,7 +381,7 @@ def decode_evt3(words, state, t, x, y, p):  # type: ignore[no-untyped-def]
 
 # Prophesee RAW: EVT 2.0, 2.1 and 3.0 (docs.prophesee.ai, "Data encoding formats").
 #
-# The decoders are our own, for reasons that `docs/recordings.md` measures: eventcv reads EVT 2.1
+# The decoders are our own (`docs/results/readers.csv` compares readers): eventcv reads EVT 2.1
 # as if it were 2.0, guesses the sensor of EVT 2.0 from the events where the header names none, and
 # maps the file, so that its resident memory grows with the file; the clock of expelliarmus for EVT
 # 3.0 runs away. The compiled decoders here need bounded memory.

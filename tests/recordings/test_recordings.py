@@ -18,11 +18,13 @@ from hypothesis import strategies as st
 
 from edge_vpr.errors import EdgeVprError, EventError, RecordingError, UsageError
 from edge_vpr.events import Sensor, join_events, make_events
-from edge_vpr.recordings import FORMATS, WRITTEN, open_recording, write_recording
+from edge_vpr.recordings import FORMATS, RAW, WRITTEN, open_recording, sniff, write_recording
 from edge_vpr.recordings.decoding import Unwrapper
 from edge_vpr.recordings.reading import Columns, FaultLog
+from tests.recordings.fuzz_recordings import write_seeds
 from tests.streams import random_events
 
+ROOT = Path(__file__).parents[2]
 SENSOR = Sensor(40, 30)
 
 
@@ -181,6 +183,20 @@ def test_a_missing_or_empty_file_is_one_line(name, tmp_path):
     (tmp_path / name).touch()
     with pytest.raises(RecordingError, match=r"is empty \(0 bytes\)"):
         open_recording(tmp_path / name)
+
+
+def test_every_format_is_fuzzed_and_on_its_page(tmp_path):
+    for library in ("h5py", "lz4", "PIL", "pyarrow", "rosbags"):
+        pytest.importorskip(library)
+    write_seeds(tmp_path)
+    page = (ROOT / "docs/recordings.md").read_text(encoding="utf-8")
+    names = set()
+    for path in tmp_path.iterdir():
+        name = sniff(path)
+        names |= {"evt2", "evt21", "evt3"} if name == RAW else {name}
+    assert names == set(FORMATS)
+    for each in FORMATS.values():
+        assert all(f"`{suffix}`" in page for suffix in each.suffixes) or each.title in page, each
 
 
 @pytest.mark.parametrize(

@@ -130,19 +130,20 @@ def timed(rows, start=0):
 
 @given(
     rows=steady_strategy,
-    start=st.integers(0, 1 << 24),
+    wraps_at=st.floats(0, 1),
     vectors=st.booleans(),
     chunk=st.integers(1, 99),
 )
 def test_evt3_is_decoded_beyond_the_wraps_of_its_clock(
-    rows, start, vectors, chunk, tmp_path_factory
+    rows, wraps_at, vectors, chunk, tmp_path_factory
 ):
-    events = timed(rows, start)
+    start = (1 << 24) - int(wraps_at * sum(step for step, *_ in rows))  # the clock wraps on the way
+    events = timed(rows, max(0, start))
     path = tmp_path_factory.mktemp("evt3") / "a.raw"
     path.write_bytes(files.raw_header("3.0", *SENSOR) + files.encode_evt3(events, vectors))
     again, recording = absolute(path, chunk_events=chunk)
     # the file knows its times modulo 2**24 only
-    shift = start + rows[0][0] - recording.start_us
+    shift = events[0][0] - recording.start_us
     assert shift % (1 << 24) == 0
     assert [(t + shift, x, y, p) for t, x, y, p in again.tolist()] == events
     assert recording.sensor == SENSOR
