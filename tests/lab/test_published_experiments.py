@@ -138,7 +138,6 @@ def test_codes_and_probabilities_are_judged_on_published_traverses(downloads, sm
         assert {(each, how) for each in maps} < named
         (whole,) = (row for row in rows if (row["map"], row["matching"]) == ("whole", how))
         assert whole["correct"] == 1 and whole["positions in their interval"] == 1
-    assert len(trust.EXPERIMENT.figure(rows).axes) == 3
 
 
 def test_a_promise_is_kept_up_to_the_edge_of_the_exclusion_zone_and_no_further():

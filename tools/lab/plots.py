@@ -27,7 +27,6 @@ def dots(
     series: str | None = None,
     *,
     columns: int = _COLUMNS,
-    promised: Mapping[str, float] | None = None,
 ) -> Figure:
     """Draw a panel per measure and pair of drives: means of trials as dots, a colour per series.
 
@@ -37,8 +36,6 @@ def dots(
     ----------
     columns : int
         Most panels beside each other, which share their rows.
-    promised : mapping of str to float, optional
-        Value of a measure that its panel marks; it shows the upper tenth alone.
     """
     drives = list(_by(rows, "drives"))
     kinds = list(dict.fromkeys(each[series] for each in rows)) if series else [""]
@@ -72,9 +69,6 @@ def dots(
                 axes.set(xlabel=measure, title=title, xlim=(-0.03, 1.03))
                 axes.locator_params(axis="x", nbins=4)
                 axes.tick_params(axis="x", labelsize=9)
-                if promised and measure in promised:
-                    axes.axvline(promised[measure], color=GREY, linewidth=1.0, zorder=1)
-                    axes.set_xlim(0.897, 1.003)
         if len(kinds) > 1:
             legend_below(drawing, grid.flat[:1], len(kinds))
     return drawing

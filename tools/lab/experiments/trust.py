@@ -13,7 +13,6 @@ from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
-from matplotlib.figure import Figure
 
 from edge_vpr.confidence import LIVE, SMOOTHED, Confidence, default_confidence
 from edge_vpr.errors import UsageError
@@ -41,9 +40,8 @@ from lab.experiments.calibration import (
     scrambled,
     without_places,
 )
-from lab.loop import Draw, Drives, Experiment, Row, Rows
+from lab.loop import Draw, Drives, Experiment, Row
 from lab.pairs import MappedPair, Pair, Tracks
-from lab.plots import dots
 
 #: of `MATCHINGS`, in the order of the table
 EVALUATED = (SMOOTHED, LIVE)
@@ -220,25 +218,9 @@ def drives(data: Path | None) -> list[Drives]:
     return [each for each in every if each.name in with_images or not each.drawn]
 
 
-def figure(rows: Rows) -> Figure:
-    """Draw what is accepted, how much of it is correct, and how far probabilities are off."""
-    several = len({row["drives"] for row in rows}) > 1
-    shown = [
-        {**row, "drives": "", "": f"{row['map']}: {row['drives']}" if several else row["map"]}
-        for row in rows
-        if row.get("calibration error") not in (None, "") and not row["map"].startswith("null")
-    ]
-    versions = list(dict.fromkeys(row["map"] for row in shown))
-    shown.sort(key=lambda row: versions.index(row["map"]))
-    measures = ("accepted at 0.99", "precision", "calibration error")
-    promised = {"precision": PRECISION}
-    return dots(shown, measures=measures, row="", series="matching", promised=promised)
-
-
 EXPERIMENT = Experiment(
     drives=drives,
     names=NAMES,
     measure=measure,
-    figure=figure,
     view=calibration.EXPERIMENT.view,
 )
