@@ -16,7 +16,7 @@ PARTS = {"conftest.py", "table.py", "robot_program.py"}
 SMALLEST = {
     "byte_to_match.py": (["--matches", "9", "--rates", "2000"], "in the reader of `stream`: "),
     "gaps.py": (["--seeds", "1", "--length", "40"], "smoothed recording,cut out,4,"),
-    "starts.py": (["--times", "1", "--length", "40"], " --no-figures,kept,"),
+    "starts.py": (["--times", "1", "--length", "40"], '--no-figures",kept,'),
     "soak.py": (["--minutes", "0.02"], "the device itself was late by "),
 }
 RACES = """
