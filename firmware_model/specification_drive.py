@@ -400,12 +400,12 @@ def smoothed_matches(known: DriveMap, windows: Sequence[Window]) -> list[DriveMa
     matches = []
     for w in range(n):
         first, last = w, w
-        while first > max(w - 4, 0) and chained[first]:
+        while first > max(w - 16, 0) and chained[first]:
             first -= 1
-        while last < min(w + 4, n - 1) and chained[last + 1]:
+        while last < min(w + 16, n - 1) and chained[last + 1]:
             last += 1
         worst = max(against[max(w - 4, 0) : w + 5])
-        total = max(sum(terms[first : last + 1]) // 9 - 16 * worst, 0)
+        total = max(sum(terms[first : last + 1]) // 33 - 16 * worst, 0)
         matches.append(_match_of(found[w], total))
     return matches
 

@@ -176,10 +176,9 @@ def reported_misfit(running: int) -> int:
 # Both, of a drive that was smoothed as a whole.
 
 
-#: number of windows before and after a window that its trust uses in a smoothed drive
-NEIGHBOURS = 4
-#: number of windows before and after a match over which smoothing averages the misfit
-MISFIT_NEIGHBOURS = 16
+#: numbers of windows before and after a window whose mean margin and misfit it has in a smoothed
+#: drive, and whose largest residual
+NEIGHBOURS, RESIDUAL_NEIGHBOURS = 16, 4
 
 
 def smoothed_trust(
@@ -207,9 +206,9 @@ def smoothed_trust(
 
 def _largest_around(values: npt.NDArray[np.int64]) -> npt.NDArray[np.int64]:
     """Return the largest value among each window and its neighbours."""
-    around = np.pad(values, NEIGHBOURS)
+    around = np.pad(values, RESIDUAL_NEIGHBOURS)
     return np.asarray(
-        np.lib.stride_tricks.sliding_window_view(around, 2 * NEIGHBOURS + 1).max(axis=1)
+        np.lib.stride_tricks.sliding_window_view(around, 2 * RESIDUAL_NEIGHBOURS + 1).max(axis=1)
     )
 
 
@@ -258,8 +257,8 @@ def smoothed_misfit(
     totals = [
         np.concatenate([[0], np.cumsum(column)]) for column in (misfit * informative, informative)
     ]
-    first = np.maximum(np.arange(n) - MISFIT_NEIGHBOURS, 0)
-    last = np.minimum(np.arange(n) + MISFIT_NEIGHBOURS + 1, n)
+    first = np.maximum(np.arange(n) - NEIGHBOURS, 0)
+    last = np.minimum(np.arange(n) + NEIGHBOURS + 1, n)
     summed, number = (total[last] - total[first] for total in totals)
     mean = (summed << TRUST_FRACTION_BITS) // np.maximum(number, 1)
     return np.where(number > 0, np.maximum(mean - MISFIT_ZERO, 0), 0)

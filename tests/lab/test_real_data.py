@@ -188,9 +188,9 @@ def test_published_windows_need_the_pixels_of_the_map(shared_data):
 #: promised: the tables were learnt from drives that are off the map in a quarter of their windows;
 #: this one never is.
 ERRORS = {
-    "Brisbane, 49 px": (0.042, 0.040),
+    "Brisbane, 49 px": (0.042, 0.034),
     "Speck walks, 150 px": (0.012, 0.018),
-    "Speck indoor, 150 px": (0.043, 0.045),
+    "Speck indoor, 150 px": (0.043, 0.061),
 }
 
 
