@@ -174,10 +174,10 @@ class Confidence(EqualByValue):
     @classmethod
     def from_arrays(cls, arrays: Mapping[str, npt.NDArray[Any]]) -> Confidence | None:
         """Build from the arrays of `to_arrays`; None if all are missing."""
-        found = {name: arrays.get(f"confidence_{name}") for name in _NAMES}
-        if all(array is None for array in found.values()):
+        columns = {name: arrays.get(f"confidence_{name}") for name in _NAMES}
+        if all(array is None for array in columns.values()):
             return None
-        return cls(**found)  # type: ignore[arg-type]  # a missing array fails its check
+        return cls(**columns)  # type: ignore[arg-type]  # a missing array fails its check
 
 
 @dataclass(frozen=True, eq=False)

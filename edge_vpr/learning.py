@@ -90,19 +90,19 @@ class MapUpdate:
     @property
     def warnings(self) -> list[str]:
         """Warnings that the new map may be worse than the old one; empty if there are none."""
-        found = []
+        texts = []
         share = float(self.aligned.mean())
         if share < FEW_ALIGNED:
-            found.append(
+            texts.append(
                 f"only {self.aligned.sum()} of {self.aligned.size} windows could be aligned with "
                 "the map: check that the drive is of the same route"
             )
         if self.confused > self.confused_before + MORE_CONFUSED:
-            found.append(
+            texts.append(
                 f"the new map confuses {self.confused:.0%} of its places with others in the light "
                 f"of before ({self.confused_before:.0%} with the old map): keep the old map too"
             )
-        return found
+        return texts
 
     def __str__(self) -> str:
         text = (

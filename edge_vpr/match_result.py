@@ -89,7 +89,7 @@ def match(
     check_reading(changes, "match")
     if every is not None:
         check_causal(changes, "match, of every=")
-    matched = reference.asked(settings, changes, "match")
+    matched = reference.with_settings(settings, changes, "match")
     files = (recording, odometry)
     drive = opened(recording, default=reference.camera)
     inputs = tuple(str(each) for each in files if isinstance(each, str | Path))

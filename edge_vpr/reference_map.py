@@ -416,18 +416,20 @@ class ReferenceMap(EqualByValue):
             Settings that the changes are made to instead of the map's.
         """
         check_causal(changes, by)
-        return self.asked(settings, changes, by).causal()
+        return self.with_settings(settings, changes, by).causal()
 
-    def asked(self, settings: Settings | None, changes: Mapping[str, Any], by: str) -> ReferenceMap:
+    def with_settings(
+        self, settings: Settings | None, changes: Mapping[str, Any], by: str
+    ) -> ReferenceMap:
         """Return the map with other settings of matching, see `changed`; also to smooth by."""
         if settings is not None:
             expect(settings, Settings, "settings", "Settings, or keywords such as precision=0.99")
         chosen = (settings or self.settings).at_places_of(self.settings).replaced(changes, by)
         for name in chosen.of_map:
-            asked, own = getattr(chosen, name), getattr(self.settings, name)
-            if asked != own:
+            wanted, own = getattr(chosen, name), getattr(self.settings, name)
+            if wanted != own:
                 raise UsageError(
-                    f"{by}: setting {name} = {asked!r}, and the map was made with {own!r}: match "
+                    f"{by}: setting {name} = {wanted!r}, and the map was made with {own!r}: match "
                     "with the map's, or build another map"
                 )
         self.check_asked(chosen)
@@ -686,7 +688,7 @@ class ReferenceMap(EqualByValue):
         """
         arrays, meta = read_archive(path, KIND)
         with archive_errors(path, "make the map again"):
-            found = cls(
+            loaded = cls(
                 settings=Settings.from_dict(meta["settings"]),
                 pixel_map=PixelMap(Sensor(*meta["sensor"]), arrays["pixel_x"], arrays["pixel_y"]),
                 places=Descriptors.from_arrays(arrays),
@@ -699,16 +701,16 @@ class ReferenceMap(EqualByValue):
                 clock_us=meta.get("clock_us", 0),
                 **{name: arrays.get(name) for name in _OPTIONAL},
             )
-        earlier = found.settings.matching == "filter" and meta.get("trust_rule") != TRUST_RULE
-        if found.confidence is None or not earlier:
-            return found
+        earlier = loaded.settings.matching == "filter" and meta.get("trust_rule") != TRUST_RULE
+        if loaded.confidence is None or not earlier:
+            return loaded
         warnings.warn(
             f"{path}: its probabilities were learnt by an earlier version, with another scale of "
             "trust; the shipped ones are used: calibrate it again (edge-vpr calibrate)",
             EdgeVprWarning,
             stacklevel=2,
         )
-        return replace(found, confidence=None)
+        return replace(loaded, confidence=None)
 
 
 @dataclass(frozen=True, kw_only=True)

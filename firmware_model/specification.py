@@ -218,11 +218,11 @@ def search(sums: Sequence[int], exclusion: int, first: int = 0) -> BestPlaces:
     return BestPlaces(first + best, least, first + second, sums[second], ties)
 
 
-def accepts(design: Design, found: BestPlaces, trust: int) -> bool:
+def accepts(design: Design, places: BestPlaces, trust: int) -> bool:
     """Return whether a match is accepted; the trust is that of the filter."""
     if design.filters:
-        return found.second is not None and trust >= design.trust
-    return found.sum <= design.largest_sum
+        return places.second is not None and trust >= design.trust
+    return places.sum <= design.largest_sum
 
 
 # Section 6: the place filter.
@@ -356,20 +356,20 @@ def predict(known: FilterMap, state: Filter, steps: Sequence[Edges]) -> list[lis
 def change_gain(metrics: Rows) -> list[list[int]]:
     """Return the metrics less the least of all, after changes of gain."""
     least = min(map(min, metrics))
-    found = [[one - least for one in row] for row in metrics]
-    for order in (range(len(found)), range(len(found) - 1, -1, -1)):
+    changed = [[one - least for one in row] for row in metrics]
+    for order in (range(len(changed)), range(len(changed) - 1, -1, -1)):
         for before, h in pairwise(order):
-            pairs = zip(found[h], found[before], strict=True)
-            found[h] = [min(one, other + GAIN_STEP) for one, other in pairs]
-    return found
+            pairs = zip(changed[h], changed[before], strict=True)
+            changed[h] = [min(one, other + GAIN_STEP) for one, other in pairs]
+    return changed
 
 
 def move(costs: Sequence[int], edges: Edges, restart: int) -> list[int]:
     """Return the least cost of each place after a step, or after a restart from the best one."""
-    found = [min(costs) + restart] * len(costs)
+    reached = [min(costs) + restart] * len(costs)
     for origin, target, cost in edges:
-        found[target] = min(found[target], costs[origin] + cost)
-    return found
+        reached[target] = min(reached[target], costs[origin] + cost)
+    return reached
 
 
 def row_of(activity: int) -> int:
@@ -386,11 +386,11 @@ def costs_to(known: FilterMap, seen: Seen, gain: int, place: int) -> Sequence[in
 
 def steps_of(known: FilterMap, seen: Seen, gain: int) -> Edges:
     """Return all steps of a gain."""
-    found = []
+    edges = []
     for k in range(len(known.activity)):
         costs = costs_to(known, seen, gain, k)[: k + 1]
-        found += [(k - i, k, cost) for i, cost in enumerate(costs)]
-    return found
+        edges += [(k - i, k, cost) for i, cost in enumerate(costs)]
+    return edges
 
 
 def spread_of(distances: Sequence[int]) -> int:
@@ -460,9 +460,9 @@ class Best(NamedTuple):
 def best(known: FilterMap, metrics: Rows) -> Best:
     """Return the best place, its gain, and the middle of the places near it, step 4."""
     least = [min(column) for column in zip(*metrics, strict=True)]
-    found = search(least, known.exclusion)
-    gain = min(range(len(metrics)), key=lambda h: metrics[h][found.place])
-    return Best(found.place, gain, middle(least, found.place, known.reach), found)
+    nearest = search(least, known.exclusion)
+    gain = min(range(len(metrics)), key=lambda h: metrics[h][nearest.place])
+    return Best(nearest.place, gain, middle(least, nearest.place, known.reach), nearest)
 
 
 def middle(least: Sequence[int], place: int, reach: int) -> int:
@@ -538,19 +538,19 @@ def decide(
 ) -> Advanced:
     """Match a window by its prediction and its evidence."""
     metrics = add(predicted, against, seen.looks)
-    found = best(known, metrics)
-    follows = state.place is not None and 0 <= found.place - state.place <= known.last
-    judged = trust(state, found, against.against[seen.looks[found.gain]][found.place], follows)
-    after = state_after(state, seen, against, metrics, found, judged)
-    return Advanced(after, seen, predicted, against, found, judged)
+    match = best(known, metrics)
+    follows = state.place is not None and 0 <= match.place - state.place <= known.last
+    judged = trust(state, match, against.against[seen.looks[match.gain]][match.place], follows)
+    after = state_after(state, seen, against, metrics, match, judged)
+    return Advanced(after, seen, predicted, against, match, judged)
 
 
 def state_after(
-    state: Filter, seen: Seen, against: Evidence, metrics: Rows, found: Best, judged: Trust
+    state: Filter, seen: Seen, against: Evidence, metrics: Rows, match: Best, judged: Trust
 ) -> Filter:
     """Return what is kept for the next window."""
     return Filter(
-        metrics, found.place, found.gain, seen.few, seen.speed, seen.moved, against.reciprocals,
+        metrics, match.place, match.gain, seen.few, seen.speed, seen.moved, against.reciprocals,
         judged.support, judged.age, (judged.residual, state.residuals[0]),
     )  # fmt: skip
 
@@ -712,8 +712,8 @@ class Machine:
         self.history = [self.distances(codes), *self.history][:length]
         if len(self.history) < length:
             return None
-        found = search(sequence_sums(self.history), self.design.exclusion, length - 1)
-        return MatchResult(window, *found, accepts(self.design, found, 0))
+        nearest = search(sequence_sums(self.history), self.design.exclusion, length - 1)
+        return MatchResult(window, *nearest, accepts(self.design, nearest, 0))
 
     def _filter(
         self, known: FilterMap, codes: Rows, state: WindowState
@@ -721,21 +721,21 @@ class Machine:
         """Match a window by the place filter, section 6."""
         self.compared = distances = [self.distances(of_sum) for of_sum in codes]
         self.advanced = advance(known, self.kept.filter, state.activity, state.paused, distances)
-        after, seen, _, against, found, judged = self.advanced
+        after, seen, _, against, matched, judged = self.advanced
         self.kept = replace(self.kept, filter=after)
         state = state._replace(
             weight=0 if state.paused else seen.weight, few=seen.few, stands=seen.stands,
-            speed=seen.speed, sums=sum(1 << i for i in set(seen.looks)), best=found.place,
-            gain=known.gains[found.gain], least=found.found.sum, margin=found.margin,
+            speed=seen.speed, sums=sum(1 << i for i in set(seen.looks)), best=matched.place,
+            gain=known.gains[matched.gain], least=matched.found.sum, margin=matched.margin,
             kept=judged.kept, support=judged.support, age=judged.age,
             worst_residual=judged.worst_residual,
         )  # fmt: skip
         if not state.paused:
-            i = seen.looks[found.gain]
+            i = seen.looks[matched.gain]
             biased = [d + b for d, b in zip(distances[i], known.bias, strict=True)]
             state = state._replace(reciprocal=against.scales[i], spread=spread_of(biased))
-        accepted = accepts(self.design, found.found, judged.trust)
-        told = found.found._replace(place=found.told)
+        accepted = accepts(self.design, matched.found, judged.trust)
+        told = matched.found._replace(place=matched.told)
         return MatchResult(state.window, *told, accepted, judged.trust), state
 
 

@@ -133,18 +133,18 @@ def anchored(driven: Sequence[int | None], spacing: int) -> list[int | None]:
     driven : sequence of int or None
         Newest reading of each window less that of the window before, None without both.
     """
-    found: list[int | None] = []
+    that_count: list[int | None] = []
     since_anchor = 0
     for distance_mm in driven:
         since_anchor += distance_mm or 0
         if distance_mm is None:
-            found.append(None)
+            that_count.append(None)
         elif 2 * abs(distance_mm) < spacing and abs(since_anchor) < spacing:
-            found.append(0)
+            that_count.append(0)
         else:
-            found.append(since_anchor)
+            that_count.append(since_anchor)
             since_anchor = 0
-    return found
+    return that_count
 
 
 def transitions_by_distance(along: Sequence[int], driven: int, per_window: int) -> Edges:
@@ -237,13 +237,13 @@ def advance_window(
         predicted = predict_by_distance(of_filter, state, by_distance)
     against = evidence(of_filter, state, seen, distances)
     metrics = add(predicted, against, seen.looks)
-    found = best(of_filter, metrics)
-    follows = is_reached(known, state.place, found.place, by_distance)
-    judged = trust(state, found, against.against[seen.looks[found.gain]][found.place], follows)
-    after = state_after(state, seen, against, metrics, found, judged)
+    match = best(of_filter, metrics)
+    follows = is_reached(known, state.place, match.place, by_distance)
+    judged = trust(state, match, against.against[seen.looks[match.gain]][match.place], follows)
+    after = state_after(state, seen, against, metrics, match, judged)
     share = 8 * seen.weight // whole if whole and not paused else 8
     return Window(
-        Advanced(after, seen, predicted, against, found, judged), steps, by_distance, share
+        Advanced(after, seen, predicted, against, match, judged), steps, by_distance, share
     )
 
 
@@ -276,16 +276,16 @@ def smoothed(known: DriveMap, windows: Sequence[Window]) -> list[tuple[Best, Row
     Each gain looks at the same sums backwards as forwards.
     """
     to_go: Rows = known.begin().metrics
-    found: list[tuple[Best, Rows]] = []
+    of_windows: list[tuple[Best, Rows]] = []
     for window in reversed(windows):
         whole = _sums(window.metrics, to_go)
-        found.append((best(known.filter, whole), whole))
+        of_windows.append((best(known.filter, whole), whole))
         behind = _sums(to_go, [window.evidence(h) for h in range(len(to_go))])
         to_go = change_gain(_before(known, window, behind))
         if window.unseen:
             steps = window.unseen * known.filter.per_window
             to_go = [spread(row[::-1], steps)[::-1] for row in to_go]
-    return found[::-1]
+    return of_windows[::-1]
 
 
 def _sums(one: Rows, other: Rows) -> list[list[int]]:
@@ -355,7 +355,7 @@ def windows_of(
     state, mean = begin or (known.begin(), known.mean_activity)
     raw = driven or [None] * len(counted)
     that_counts = anchored(raw, spacing_of(known.along)) if known.along else raw
-    found = []
+    advanced = []
     halves = unseen or [0] * len(counted)
     for rows, events, of_anchor, mm, gap in zip(
         distances, counted, that_counts, raw, halves, strict=True
@@ -370,8 +370,8 @@ def windows_of(
             patience=patience, driven=of_anchor, driven_whole=mm or 0,
         )  # fmt: skip
         state, mean = window.advanced.state, mean_activity_after(mean, events)
-        found.append(window._replace(unseen=gap))
-    return found
+        advanced.append(window._replace(unseen=gap))
+    return advanced
 
 
 def live_matches(windows: Sequence[Window]) -> list[DriveMatch]:
@@ -381,8 +381,8 @@ def live_matches(windows: Sequence[Window]) -> list[DriveMatch]:
 
 def smoothed_matches(known: DriveMap, windows: Sequence[Window]) -> list[DriveMatch]:
     """Return the match of each window by the whole drive."""
-    n, found = len(windows), [one for one, _ in smoothed(known, windows)]
-    places = [one.place for one in found]
+    n, bests = len(windows), [one for one, _ in smoothed(known, windows)]
+    places = [one.place for one in bests]
     pairs = enumerate(pairwise(places), 1)
     chained = [False, *(is_reached(known, *pair, windows[w].by_distance) for w, pair in pairs)]
     # no window speaks for one beyond unseen time
@@ -390,13 +390,13 @@ def smoothed_matches(known: DriveMap, windows: Sequence[Window]) -> list[DriveMa
     alike = [len(list(same)) for _, same in groupby(places)]
     row = [size for size in alike for _ in range(size)]
     terms = []
-    for size, one in zip(row, found, strict=True):
+    for size, one in zip(row, bests, strict=True):
         second = one.found.second_sum
         term = 16 * (1023 if second is None else second - one.found.sum)
         for _ in range(size - 1):
             term -= term >> 4
         terms.append(term)
-    against = [w.evidence(one.gain)[one.place] for w, one in zip(windows, found, strict=True)]
+    against = [w.evidence(one.gain)[one.place] for w, one in zip(windows, bests, strict=True)]
     matches = []
     for w in range(n):
         first, last = w, w
@@ -406,7 +406,7 @@ def smoothed_matches(known: DriveMap, windows: Sequence[Window]) -> list[DriveMa
             last += 1
         worst = max(against[max(w - 4, 0) : w + 5])
         total = max(sum(terms[first : last + 1]) // 33 - 16 * worst, 0)
-        matches.append(_match_of(found[w], total))
+        matches.append(_match_of(bests[w], total))
     return matches
 
 
@@ -433,7 +433,7 @@ def codes_of_sums(
     lists of int, shape (n, number, J)
     """
     running: list[Sequence[int]] = [[256 * mean for mean in means]] * number
-    moves, found = 0, []
+    moves, codes_of = 0, []
     for w, pause in enumerate(paused):
         newest = [counts[v] if v >= 0 else [0] * len(means) for v in range(w, w - 4, -1)]
         of_window = []
@@ -445,8 +445,8 @@ def codes_of_sums(
             if not pause:
                 running[i] = means_after(running[i], of_sum, mean_shift(moves))
         moves += not pause
-        found.append(of_window)
-    return found
+        codes_of.append(of_window)
+    return codes_of
 
 
 # Unseen time.
@@ -454,10 +454,10 @@ def codes_of_sums(
 
 def spread(metrics: Sequence[int], steps: int) -> list[int]:
     """Return the least metric from which up to so many steps lead to each place."""
-    found = list(metrics)
-    for _ in range(min(steps, len(found))):
-        found = [found[0], *(min(pair) for pair in pairwise(found))]
-    return found
+    lowered = list(metrics)
+    for _ in range(min(steps, len(lowered))):
+        lowered = [lowered[0], *(min(pair) for pair in pairwise(lowered))]
+    return lowered
 
 
 # Misfit.
@@ -475,21 +475,21 @@ def misfit_of(window: Window, gain: int, place: int, typical: int) -> int | None
 
 def running_misfits(of_windows: Sequence[int | None]) -> list[int]:
     """Return the misfit after each window; `of_windows` has None for those without evidence."""
-    mean, found = -1280, []
+    mean, misfits = -1280, []
     for one in of_windows:
         if one is not None:
             mean += (256 * one - mean) >> 4
-        found.append(max((mean >> 4) + 80, 0))
-    return found
+        misfits.append(max((mean >> 4) + 80, 0))
+    return misfits
 
 
 def smoothed_misfits(of_windows: Sequence[int | None]) -> list[int]:
     """Return the misfit of each window by up to 16 windows on each side of it."""
-    found = []
+    misfits = []
     for w in range(len(of_windows)):
         near = [one for one in of_windows[max(w - 16, 0) : w + 17] if one is not None]
-        found.append(max(16 * sum(near) // len(near) + 80, 0) if near else 0)
-    return found
+        misfits.append(max(16 * sum(near) // len(near) + 80, 0) if near else 0)
+    return misfits
 
 
 def confidence_of(trust: int, misfit: int) -> int:

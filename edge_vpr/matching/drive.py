@@ -119,15 +119,15 @@ def filter_drive(
         ]
     unseen = [0] * n if queries.unseen is None else queries.unseen.tolist()
     drive = _Drive(place_filter, index, queries, travelled, driven, unseen)
-    found = FilteredDrive.empty(n, metrics)
+    filtered = FilteredDrive.empty(n, metrics)
     if smooth:
-        _smooth(drive, found)
+        _smooth(drive, filtered)
         if queries.unseen is not None:  # of windows within a gap, those on both sides know nothing
-            found.rows["trust"][queries.events == 0] = 0
-        return found
+            filtered.rows["trust"][queries.events == 0] = 0
+        return filtered
     for first, _, rows in drive.advance(0, n):
-        found.put(first, rows.matches, rows.least)
-    return found
+        filtered.put(first, rows.matches, rows.least)
+    return filtered
 
 
 class _Drive(NamedTuple):
@@ -182,7 +182,7 @@ class _Drive(NamedTuple):
         return rows
 
 
-def _smooth(drive: _Drive, found: FilteredDrive) -> None:
+def _smooth(drive: _Drive, filtered: FilteredDrive) -> None:
     """Smooth the whole drive, segment by segment from the last one.
 
     The forward pass saves the filter's state at the start of each segment; the backward pass
@@ -210,17 +210,17 @@ def _smooth(drive: _Drive, found: FilteredDrive) -> None:
         best[begin:end], informative[begin:end] = rows.best[:, 0], rows.factor[:, 0] > 0
         for first in range(0, end - begin, drive.block):
             some = rows.part(first, min(first + drive.block, end - begin))
-            found.put(begin + first, some.matches, some.least)
+            filtered.put(begin + first, some.matches, some.least)
         del rows, some  # or two segments would be in memory while the next one is computed
-    found.rows["trust"] = smoothed_trust(
+    filtered.rows["trust"] = smoothed_trust(
         best,
-        found.rows["trust"],
+        filtered.rows["trust"],
         residual,
         drive.travelled,
         drive.unseen,
         place_filter.transitions,
     )
-    found.rows["misfit"] = smoothed_misfit(found.rows["misfit"], informative)
+    filtered.rows["misfit"] = smoothed_misfit(filtered.rows["misfit"], informative)
 
 
 # Matching of all query windows of a recorded drive, by sequences or by the place filter.
@@ -320,11 +320,11 @@ def match_by_filter(
     odometry: Odometry | None = None,
 ) -> Matches:
     """Match every query window by a place filter in its initial state; see `filter_drive`."""
-    found = filter_drive(place_filter, index, queries, odometry, smooth=settings.smooth)
-    rows = found.rows
+    filtered = filter_drive(place_filter, index, queries, odometry, smooth=settings.smooth)
+    rows = filtered.rows
     rows["start_us"], rows["time_us"] = queries.start_us, queries.end_us
     rows["probability"], rows["lost"] = acceptance.accept(rows["trust"], rows["misfit"])
-    return Matches.of_rows(rows, settings, index.places, found.candidates)
+    return Matches.of_rows(rows, settings, index.places, filtered.candidates)
 
 
 # Matrix of the distances from all query windows of a drive to all places.

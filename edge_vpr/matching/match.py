@@ -142,8 +142,8 @@ MatchRows = list[npt.NDArray[np.void]]
 NO_MATCHES = np.empty(0, dtype=MATCH_DTYPE)
 
 
-def join_matches(found: MatchRows) -> npt.NDArray[np.void]:
+def join_matches(parts: MatchRows) -> npt.NDArray[np.void]:
     """Concatenate arrays of matches; one alone is returned as it is."""
-    if len(found) == 1:
-        return found[0]
-    return np.concatenate(found) if found else NO_MATCHES
+    if len(parts) == 1:
+        return parts[0]
+    return np.concatenate(parts) if parts else NO_MATCHES

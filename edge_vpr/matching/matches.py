@@ -200,8 +200,8 @@ class Matches(EqualByValue):
     def every(self, stride: int) -> Matches:
         """Return every `stride`-th match, each as a query."""
         expect(stride, int, "stride", "a whole number from 1")
-        found = self.take(slice(None, None, stride))
-        return replace(found, query=np.arange(len(found), dtype=np.int64))
+        taken = self.take(slice(None, None, stride))
+        return replace(taken, query=np.arange(len(taken), dtype=np.int64))
 
     def save(self, path: str | Path, *, overwrite: bool = False) -> None:
         """Write to an ``.npz`` file, atomically.

@@ -411,10 +411,10 @@ class Transitions:
         along = self._checked_along()
         if back:  # the same distance on the route in the opposite direction
             metric, along = np.ascontiguousarray(metric[::-1]), along[-1] - along[::-1]
-        found = predict_by_distance(
+        predicted = predict_by_distance(
             metric, along, _limited(travelled_mm), self._rate, self.table.restart_cost
         )
-        return np.ascontiguousarray(found[::-1]) if back else found
+        return np.ascontiguousarray(predicted[::-1]) if back else predicted
 
     def spread(self, metric: npt.NDArray[Any], windows: int, *, back: bool = False) -> None:
         """Lower the cost of each place to the least from which up to so many windows lead to it.

@@ -222,7 +222,7 @@ def process_events(kernel_state, t, x, y, until):
 
     Returns
     -------
-    given, why : int
+    n_matches, why : int
         Number of matches written to `OnlineState.out`; and `DONE`, `MATCHES_FULL`, `RING_FULL`,
         `WINDOW_OVER` (the place filter has ended a window), or `REFUSED`: an event is off the
         sensor, out of order, or beyond too many ticks, and no event was processed.
@@ -244,7 +244,7 @@ def process_events(kernel_state, t, x, y, until):
     columns, sums, changes = s.columns, s.sums, s.changes
     state, filter_table, rows, length = f.filter, f.filter_table, f.rows, f.length
     tau, n, lags, mask, limits = s.tau, s.n, s.counts.shape[0], s.slot.size - 1, f.limits
-    given, i, end = 0, c.read, c.selected
+    n_matches, i, end = 0, c.read, c.selected
     # a countdown, because a division would take as long as the rest of processing an event
     left = c.every - bound[0] % c.every if c.every > 0 else np.int64(-1)
     # each iteration processes a tick or an event, until none is left
@@ -260,7 +260,7 @@ def process_events(kernel_state, t, x, y, until):
         elif not tick and i == end:
             why = DONE
             break
-        if given == len(out):
+        if n_matches == len(out):
             why = MATCHES_FULL
             break
         room = 0 if tick or over else n
@@ -290,15 +290,17 @@ def process_events(kernel_state, t, x, y, until):
         take_moves(moves, totals, counts, saturation, counters, columns, sums, changes)
         if saturation == 0:
             recode(contrast, counts, totals, counters, columns, sums, changes)
-        row, in_window = out[given], bound[0] - bound[1]
-        if match_now(state, filter_table, rows, s, totals[0], c, length, limits, over, out, given):
+        row, in_window = out[n_matches], bound[0] - bound[1]
+        if match_now(
+            state, filter_table, rows, s, totals[0], c, length, limits, over, out, n_matches
+        ):
             row["time_us"], row["events"] = now, in_window
             # start of a fixed-count window: the time of its oldest event
             row["start_us"] = seen_until - tau if tau > 0 else ring_time[bound[1] & mask]
             accept_match(row, f.trust_steps, f.probability_steps, c.least_trust)
-            given += 1
+            n_matches += 1
         if over:
             why = WINDOW_OVER
             break
     c.read = i
-    return given, why
+    return n_matches, why

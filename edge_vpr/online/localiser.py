@@ -223,15 +223,15 @@ class Localiser:
 
     def _update_over_gaps(self, events: Events) -> MatchRows:
         """Feed checked events, and tell the filter when nothing was seen between them."""
-        found, begin = [], 0
+        matches, begin = [], 0
         for time_us, halves in self.unseen_time.feed(events.t):
             end = int(np.searchsorted(events.t, time_us))
             if end > begin:
-                found += self._go_on(self._call(events[begin:end]))
+                matches += self._go_on(self._call(events[begin:end]))
                 begin = end
-            found += self._advance(time_us)
+            matches += self._advance(time_us)
             self._unseen(halves)
-        return found + self._go_on(self._call(events[begin:]))
+        return matches + self._go_on(self._call(events[begin:]))
 
     def _check(self, events: Events) -> None:
         """Raise the error of events, if there is one."""
@@ -261,11 +261,11 @@ class Localiser:
                 f"time {until_us} us lies beyond {TIME_LIMIT_US}: check the clock's unit"
             )
         self.every.check_ticks(self.next_tick, until_us)
-        found: MatchRows = []
+        parts: MatchRows = []
         for time_us, halves in self.unseen_time.until(until_us):
-            found += self._advance(max(time_us, floor_us))
+            parts += self._advance(max(time_us, floor_us))
             self._unseen(halves)
-        return join_matches(found + self._advance(until_us))
+        return join_matches(parts + self._advance(until_us))
 
     def read_odometer(
         self, time_us: int, distance_m: float, *, checked: bool = True
@@ -352,15 +352,15 @@ class Localiser:
         -------
         list of ndarray of MATCH_DTYPE
         """
-        found = []
+        parts = []
         while True:
             matches, why = stop
             if matches:
                 # copied as bytes: NumPy copies records field by field
                 taken = self._out[: matches * MATCH_DTYPE.itemsize].copy()
-                found.append(taken.view(MATCH_DTYPE))
+                parts.append(taken.view(MATCH_DTYPE))
             if why == DONE:
-                return found
+                return parts
             if why == RING_FULL:
                 self._hold(self.state._replace(windows=grown(self.state.windows)))
             elif why == WINDOW_OVER:
@@ -524,9 +524,9 @@ class Localiser:
         """
         arrays, meta = read_archive(path, KIND)
         with archive_errors(path, "save the state again"):
-            found = cls(searched_map(arrays, meta), every=MatchSchedule(**meta["every"]))
-            found.resume(arrays, meta["now_us"], meta["floor_us"])
-        return found
+            restored = cls(searched_map(arrays, meta), every=MatchSchedule(**meta["every"]))
+            restored.resume(arrays, meta["now_us"], meta["floor_us"])
+        return restored
 
 
 def _events_per_s(reference: ReferenceMap) -> int:

@@ -39,27 +39,27 @@ class OdometryFeed:
         """
         if events.size == 0:
             return []
-        found, begin = [], 0
+        matches, begin = [], 0
         stop = self._read_by(int(events.t[-1]))
         at = np.searchsorted(events.t, self._times[self._read : stop], side="right").tolist()
         for reading, first in zip(range(self._read, stop), at, strict=True):
             if first > begin:
-                found.append(self._localiser.update(events[begin:first]))
+                matches.append(self._localiser.update(events[begin:first]))
                 begin = first
-            found.append(self._reading(reading))
+            matches.append(self._reading(reading))
         self._read = stop
-        found.append(self._localiser.update(events[begin:]))
-        return found
+        matches.append(self._localiser.update(events[begin:]))
+        return matches
 
     def finish(self, end_us: int | None) -> list[npt.NDArray[np.void]]:
         """Feed the readings up to the end of the drive, if it is known, and return what is left."""
-        found = []
+        matches = []
         if end_us is not None:
             stop = self._read_by(end_us)
-            found = [self._reading(reading) for reading in range(self._read, stop)]
+            matches = [self._reading(reading) for reading in range(self._read, stop)]
             self._read = stop
-            found.append(self._localiser.advance(end_us))
-        return found
+            matches.append(self._localiser.advance(end_us))
+        return matches
 
     def _read_by(self, time_us: int) -> int:
         """Return how many readings there are up to a time."""

@@ -166,14 +166,14 @@ class Manifest:
 # What a file says, read back: a name that is missing and a value of another kind are errors.
 
 
-def _manifest(given: Mapping[str, Any]) -> Manifest:
+def _manifest(values: Mapping[str, Any]) -> Manifest:
     return Manifest(
-        versions=_get(given, "versions", dict),
-        seed=_get(given, "seed", int),
-        corners=_get(given, "corners", dict),
-        design=Design.from_dict(_get(given, "design", dict), "the manifest"),
-        rtl=tuple(map(str, _get(given, "rtl", list))),
-        suites=tuple(_suite(suite) for suite in _get(given, "suites", list)),
+        versions=_get(values, "versions", dict),
+        seed=_get(values, "seed", int),
+        corners=_get(values, "corners", dict),
+        design=Design.from_dict(_get(values, "design", dict), "the manifest"),
+        rtl=tuple(map(str, _get(values, "rtl", list))),
+        suites=tuple(_suite(suite) for suite in _get(values, "suites", list)),
     )
 
 

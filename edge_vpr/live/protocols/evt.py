@@ -57,8 +57,8 @@ class EvtDecoder(WordDecoder):
         self._shift = np.uint64(32 if name == "evt21" else 0)  # to the upper half of a long word
 
     def _readings(self, raw: Raw, most: int) -> list[Reading]:
-        found = _read(raw, most, self._size, self._name == "evt3", self._shift, *self.sensor)
-        return [Reading(*row) for row in found.tolist()]
+        rows = _read(raw, most, self._size, self._name == "evt3", self._shift, *self.sensor)
+        return [Reading(*row) for row in rows.tolist()]
 
     def _take_words(self, raw: Raw) -> tuple[int, Columns, bool]:
         if not raw.view(self._words.dtype).flags.aligned:
