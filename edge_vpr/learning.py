@@ -15,7 +15,7 @@ import numpy.typing as npt
 
 from edge_vpr.compiling import plain
 from edge_vpr.descriptors.codes import drive_mean
-from edge_vpr.descriptors.windows import Descriptors, activity_of_drive
+from edge_vpr.descriptors.windows import Descriptors, activity_of_drive, find_pauses
 from edge_vpr.errors import UsageError
 from edge_vpr.evaluation.facts import Drive
 from edge_vpr.evaluation.tracks import Track, distances
@@ -167,12 +167,16 @@ def learn_drive(
             "(same_route=True)"
         )
     learnt = np.bincount(place[aligned], minlength=len(reference)) > 0
-    shown = float((_mean_near(learnt, reference.settings.exclusion_places) > 0).mean())
+    # places of a halt look alike, and a drive that does not halt there shows one of them
+    moved = ~find_pauses(reference.places.counted_events, reference.mean_activity)
+    near = _mean_near(learnt, reference.settings.exclusion_places) > 0
+    shown = float(near[moved].mean()) if moved.any() else 1.0
     if shown < LEAST_SHOWN:
+        by_track = track is not None and reference.route is not None
         raise UsageError(
             f"the drive shows {shown:.0%} of the route, and the rest would be found less often in "
-            f"its light: name a drive of at least {LEAST_SHOWN:.0%} of it, or give the tracks of "
-            "both drives if it is one"
+            f"its light: name a drive of at least {LEAST_SHOWN:.0%} of it"
+            + ("" if by_track else ", or give the tracks of both drives if it is one")
         )
     code, initial = reference.own_mean_code, reference.mean
     if code is None or initial is None:

@@ -306,7 +306,7 @@ class ReferenceMap(EqualByValue):
         odometry : Odometry or path or table, optional
             Of this drive; only a map with distances takes it.
         same_route : bool
-            The drive is known to be of the route: it is never refused for its looks.
+            The drive is known to be of the route: it may leave it for most of its windows.
         removed : Removed, optional
             Filled with what cleaning removed.
 
@@ -320,7 +320,8 @@ class ReferenceMap(EqualByValue):
         ------
         UsageError
             If the drive may not be of the route: fewer than half of its windows can be aligned, or
-            fewer than one in ten has a match that is certain.
+            fewer than one in ten has a match that is certain. If it shows less than nine tenths of
+            the places at which the map's drive moved, the rest of which would suffer in its light.
 
         Examples
         --------

@@ -122,8 +122,7 @@ class Descriptors(EqualByValue):
 
     Attributes
     ----------
-    counts : ndarray of unsigned int, shape (n, J) or with polarity (n, 2 J)
-        With polarity the J counts of ON events precede those of OFF events.
+    counts : ndarray of unsigned int, shape (n, J)
     start_us, end_us : ndarray of int64, shape (n,)
         A fixed-time window spans ``[start, end)``. A fixed-count window starts with its first event
         at any pixel and ends with its N-th at a selected one.

@@ -244,13 +244,15 @@ class LiveSession:
             measured = (reference.along_mm is None, len(reference.pixel_map))
             types += [reference.settings, reference.places.counts.dtype, *measured]
         with compiling_reported(lambda text: self._say("compiling", text)):
+            self._matcher = StreamMatcher(self.decoder, reference, self._every)
+            if self._matcher.localiser is not None:
+                types.append(self._matcher.localiser.state.windows.sums.dtype)
             have_kernels(
                 repr(types),
                 lambda: rehearse(
                     protocol, self.sensor, reference, self._every, odometry=odometry, state=state
                 ),
             )
-        self._matcher = StreamMatcher(self.decoder, reference, self._every)
         self._warm = True
 
     def open(self) -> None:

@@ -77,6 +77,7 @@ class SessionFiles:
         self._learn = None if learn is None else as_path(learn, "the map to learn")
         self._state = None if state is None else as_path(state, "the state")
         self._settings = resolve_settings(settings) if isinstance(settings, str) else settings
+        self._of_map = self._settings  # or those of the session's map
         self._overwrite = overwrite
         self._state_file: StateFile | None = None
         self.keeps_state = state is not None
@@ -129,8 +130,7 @@ class SessionFiles:
             seen.add(path.resolve())
             check = check_new_map if path is self._learn else check_new_file
             check(path, [source], self._overwrite)
-        if self._settings is None and reference is not None:
-            self._settings = reference.settings
+        self._of_map = self._settings or (None if reference is None else reference.settings)
 
     def lock(self, localiser: Localiser | None, say: Callable[..., None]) -> None:
         """Read the state, which no other session can have until `release`."""
@@ -153,6 +153,9 @@ class SessionFiles:
             If a file of bytes cannot be opened.
         """
         self._stop, self._say = stop, say
+        # not those of a session before, nor of an opening that failed
+        self._raw, self._writers, self._readings = [], [], {}
+        self._begun, self.unwritten = False, ""
         with contextlib.ExitStack() as work, contextlib.ExitStack() as recordings:
             if self._learn is not None:
                 self._drive = work.enter_context(work_folder(self._learn)) / "drive.npz"
@@ -218,7 +221,7 @@ class SessionFiles:
         if self._drive is None or self._learn is None or not self._drive.exists():
             return
         self.learnt, self.update, self.removed = make_map(
-            self._drive, self._learn, reference, self._settings or resolve_settings(),
+            self._drive, self._learn, reference, self._of_map or resolve_settings(),
             self._readings, say, overwrite=self._overwrite,
         )  # fmt: skip
 

@@ -648,6 +648,18 @@ def test_what_is_recorded_and_learnt_is_complete_when_the_block_ends(route, quer
     assert sorted(path.name for path in tmp_path.iterdir()) == ["events.npz", "map.npz", "raw.bin"]
 
 
+def test_the_same_files_serve_one_session_after_another(route, query, tmp_path):
+    raw, sent = tmp_path / "raw.bin", tmp_path / "sent.bin"
+    encoder = open_encoder("evpr", SENSOR)
+    sent.write_bytes(encoder.start() + encoder.encode(query))
+    files = SessionFiles(record=raw, overwrite=True)
+    for _ in range(2):
+        with LiveSession(sent, protocol="evpr", reference=route, files=files) as session:
+            assert list(session)
+        assert raw.read_bytes() == sent.read_bytes()
+        raw.unlink()
+
+
 def test_a_known_route_is_matched_while_a_map_with_other_settings_is_made(route, query, tmp_path):
     address, thread = camera("evpr", query)
     places, target = len(route), tmp_path / "new.npz"

@@ -18,7 +18,7 @@ from edge_vpr.descriptors.counting import count_places
 from edge_vpr.descriptors.windows import Descriptors, activity_of_drive, find_pauses
 from edge_vpr.evaluation.tracks import Track
 from edge_vpr.learning import MOST_DRIVES, align, learn_drive
-from edge_vpr.simulation import SimulatedRecording, simulate_pair
+from edge_vpr.simulation import REFERENCE, SimulatedRecording, simulate_pair
 
 Places = npt.NDArray[np.int64]
 Drives = tuple[SimulatedRecording, SimulatedRecording]
@@ -227,6 +227,16 @@ def test_a_drive_that_shows_less_than_nine_tenths_of_the_route_is_refused(
         return
     with pytest.raises(UsageError, match=r"shows 8\d% of the route, and the rest would be found"):
         learn_drive(route, part, track=query.track)
+
+
+@pytest.mark.parametrize("by_track", [False, True])
+def test_a_halt_of_the_first_drive_is_no_part_of_the_route(by_track: bool) -> None:
+    """Its places look alike, and a drive that does not halt there shows one of them."""
+    halting = replace(REFERENCE, stops=1, stop_s=15.0)
+    monday, tuesday = simulate_pair(3, "tiny", length_m=400, reference=halting)
+    track, other = (monday.track, tuesday.track) if by_track else (None, None)
+    route = ReferenceMap.build(monday, pixels=50, track=track)
+    assert route.update(tuesday, track=other).aligned.all()
 
 
 def _run(command: str) -> int:
