@@ -29,12 +29,11 @@ class LossWatch:
         # time, events received, events lost, and losses of unknown size, each of them until then
         self._seen: list[tuple[int, int, int, int]] = [(-1, 0, 0, 0)]
 
-    def note(self, reached_us: int, horizon_us: int) -> None:
-        """Take the counts of the present time; those older than the horizon are not needed."""
+    def note(self, reached_us: int, oldest_us: int) -> None:
+        """Take the counts of the present time; those from before `oldest_us` are not needed."""
         seen, counts = self._seen, (reached_us, *self._counts())
         self._reopened = self._health.reopened
-        # what comes now may give matches from the time before on
-        if len(seen) > MOST_LOSS_STEPS or seen[len(seen) // 2][0] < seen[-1][0] - horizon_us:
+        if len(seen) > MOST_LOSS_STEPS or seen[len(seen) // 2][0] < oldest_us:
             del seen[: len(seen) // 2]
         if len(seen) > 1 and reached_us - seen[-2][0] < LOSS_STEP_US:
             seen[-1] = counts

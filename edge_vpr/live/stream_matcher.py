@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from edge_vpr.archive import Arrays
-from edge_vpr.descriptors.cleaning import BURST_SLOT_US, BurstFilter
+from edge_vpr.descriptors.cleaning import BurstFilter
 from edge_vpr.errors import MapError
 from edge_vpr.events import NO_EVENTS, Events, join_events
 from edge_vpr.live.losses import LossWatch
@@ -88,8 +88,7 @@ class StreamMatcher:
         #: windows that a match compares, and how far back from a match its losses may lie
         self._windows = settings.windows_per_match
         span_us = settings.tau_us if settings.window == "time" else _MOST_LOSS_US
-        held_us = 0 if self._bursts is None else 2 * BURST_SLOT_US  # until it is no burst
-        self._horizon_us = (self._windows + 1) * span_us + held_us
+        self._horizon_us = (self._windows + 1) * span_us
 
     @property
     def bursts_removed(self) -> int:
@@ -214,6 +213,8 @@ class StreamMatcher:
         if localiser is None:
             return LiveResult(events, NO_MATCHES, reached)
         found: MatchRows = []
+        # the burst filter may hold events back for long: matches follow the time matched so far
+        oldest_us = self._time - self._horizon_us
         pieces, known = [events[matched:]], reached
         if bursts is not None:
             pieces = bursts.pieces(pieces[0])
@@ -228,7 +229,7 @@ class StreamMatcher:
                 # without a tick, the windows age with the next event
                 found.append(localiser.advance(known))
             self._time = known
-        self._losses.note(reached, self._horizon_us)
+        self._losses.note(reached, oldest_us)
         rows = join_matches(found)
         return LiveResult(events, rows, reached, tuple(map(self._located, rows.tolist())))
 

@@ -171,6 +171,11 @@ def cut(rng, sent, whole):
     seed=1, device="evpr", kind="filter", window="time", remove_bursts=True,
     every=MatchSchedule(interval_us=500), whole=True,
 )  # fmt: skip
+# it holds them back until the next event, over a silence too
+@example(
+    seed=50, device="evt2", kind="sequence", window="time", remove_bursts=True,
+    every=MatchSchedule(interval_us=500), whole=False,
+)  # fmt: skip
 def test_a_stream_gives_the_results_of_its_events_whatever_comes_and_however_it_is_cut(
     seed, device, kind, window, remove_bursts, every, whole
 ):
