@@ -230,6 +230,7 @@ def test_what_a_bad_line_loses_is_counted_and_the_matches_around_it_are_flagged(
     assert np.mean(shares) == pytest.approx(summary["lost"] / 40_000, rel=0.3)
 
 
+@pytest.mark.alone  # in real time
 def test_a_reader_of_lines_learns_that_the_camera_is_silent(drive, tmp_path):
     """The last line of a silence would else be a match that is not lost."""
     faults = LineFaults.parse("stall=1@1.2")
