@@ -23,11 +23,9 @@ from edge_vpr.online.sliding_windows import (
     note,
     recode,
     take_moves,
-    write_distances_of_sums,
 )
 from edge_vpr.online.state import OnlineState
 from edge_vpr.online.sums import least_in, ties_behind
-from fixedpoint.activity import SUMS
 
 # Kernels that match: the best place and the confidence in it.
 
@@ -39,7 +37,8 @@ def sequence_match(sums, total, c, length, row):
     Parameters
     ----------
     sums : ndarray of uint16 or uint32
-        Of `SlidingWindows`, without pending moves.
+        A row of those of `SlidingWindows`, without pending moves.
+    total : record of TOTALS
     c : record of CONTROL
         The place of the last match is updated.
     length : int
@@ -52,7 +51,7 @@ def sequence_match(sums, total, c, length, row):
     bool
         Whether there is a match: not if only changes are requested and the place is the same.
     """
-    places = total.sums
+    places = total.places
     best, least = least_in(sums, places, np.int64(0), places)
     if c.change and best == c.last_reported:
         return False
@@ -60,7 +59,7 @@ def sequence_match(sums, total, c, length, row):
     second, second_least = _second(sums, best, c.exclusion, places)
     best_sum, second_sum = np.int64(least) + total.common, np.int64(-1)
     row["place"], row["second"], row["trust"] = best + length - 1, -1, 0
-    row["ties"] = ties_behind(sums, total.sums, best, places)
+    row["ties"] = ties_behind(sums, places, best, places)
     row["misfit"] = NO_MISFIT
     if second >= 0:
         row["second"] = second + length - 1
@@ -108,13 +107,13 @@ def match_now(state, filter_table, rows, s, total, c, length, limits, over, out,
     """
     if state is None:
         if length is not None:
-            return sequence_match(s.sums, total, c, length, out[i])
+            return sequence_match(s.sums[0], total, c, length, out[i])
         return False
     state, rows = FilterState(*state), WindowRows(*rows)
     distances = np.empty(rows.evidence.shape[1:], dtype=np.int32)
-    write_distances_of_sums(
-        ContrastCodes(*s.contrast), s.counts, s.totals, s.columns, s.sums, SUMS, distances
-    )
+    for of_sum in range(len(distances)):
+        for k in range(distances.shape[1]):
+            distances[of_sum, k] = s.sums[of_sum, k]
     events = np.int64(0)
     for j in range(limits.size):
         events += min(s.counts[0, j], limits[j])

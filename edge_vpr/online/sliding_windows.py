@@ -23,6 +23,7 @@ from edge_vpr.descriptors.windows import FixedTime, Window
 from edge_vpr.errors import UsageError
 from edge_vpr.matching.distances import aligned_zeros
 from edge_vpr.online.sums import BLOCK, LANES, MAX_CHANGES, update_blocks
+from fixedpoint.activity import SUMS
 from fixedpoint.own_mean import LEVEL_FRACTION_BITS, OwnMeanCode
 
 # The state.
@@ -40,8 +41,8 @@ MOVE = np.dtype([("slot", "<i4"), ("left", "<i4")])
 #: For each counter: its smallest and largest count in the map.
 COUNTER = np.dtype([("low", "<i8"), ("high", "<i8")])
 #: Common part of all distances, number of pending moves, stride of `SlidingWindows.columns`, and
-#: number of sums in use.
-TOTALS = np.dtype([("common", "<i8"), ("moves", "<i8"), ("stride", "<i8"), ("sums", "<i8")])
+#: number of places that a match may be at.
+TOTALS = np.dtype([("common", "<i8"), ("moves", "<i8"), ("stride", "<i8"), ("places", "<i8")])
 
 
 class ContrastCodes(NamedTuple):
@@ -54,7 +55,7 @@ class ContrastCodes(NamedTuple):
     means : ndarray of int32, shape (sums, J)
         Mean logarithm of each counter in the newest window, and in sums of the newest windows, in
         units of 1/256 octave.
-    codes : ndarray of int64, shape (2, J)
+    codes : ndarray of int64, shape (sums, 2, J)
         Codes that the distances include, and scratch.
     bits : int
         See `OwnMeanCode`.
@@ -92,13 +93,15 @@ class SlidingWindows(NamedTuple):
         State of each counter.
     columns : ndarray of uint8 or uint16
         Map, the places of one pixel after another, with a distance of `stride` between pixels.
-    sums : ndarray of uint16 or uint32
-        ``sums[m]``: distance of the sequence that ends at place m + L - 1, less the common part.
-        After LANES padding elements, the smallest sum of each block, see `least_in`.
+    sums : ndarray of uint16 or uint32, shape (sums, places + LANES + blocks or more)
+        Distances to all places, less the common part: of the newest window and each sum of the
+        newest windows with contrast codes; else of the sequence that ends at place m + L - 1, in
+        ``sums[0, m]``. After LANES padding elements, the smallest sum of each block, see
+        `least_in`.
     changes : ndarray of int64, shape (2, MAX_CHANGES)
         Scratch for the changes of `update_blocks`.
-    totals : ndarray of TOTALS, shape (1,)
-        Numbers shared by all counters.
+    totals : ndarray of TOTALS, shape (sums,)
+        Numbers shared by all counters; the first has the pending moves.
     """
 
     slot: npt.NDArray[np.int32]
@@ -155,7 +158,7 @@ def start(
     places : ndarray of unsigned int, shape (K, J)
         Map, in its codes.
     length : int
-        L; with contrast codes, which compare the newest window, the longest sum of windows.
+        L; with contrast codes, which compare sums of the newest windows, the longest of them.
     code : OwnMeanCode or int
         Contrast code of the counts; or the count at which they saturate, or `UNLIMITED`.
     mean : ndarray of int32, shape (J,), optional
@@ -177,10 +180,10 @@ def start(
         tau=window.tau_us if isinstance(window, FixedTime) else 0,
         n=0 if isinstance(window, FixedTime) else window.events,
         saturation=code if isinstance(code, int) else 0,
-        contrast=ContrastCodes(levels, means, np.zeros((2, counters), dtype=np.int64), bits),
+        contrast=ContrastCodes(levels, means, np.zeros((sums, 2, counters), dtype=np.int64), bits),
         counters=np.zeros(counters, dtype=COUNTER).view(np.recarray),
         columns=np.empty(0, dtype=np.uint8),
-        sums=np.empty(0, dtype=np.uint16),
+        sums=np.empty((0, 0), dtype=np.uint16),
         changes=np.zeros((2, MAX_CHANGES), dtype=np.int64),
         totals=np.zeros(1, dtype=TOTALS).view(np.recarray),
     )
@@ -202,13 +205,13 @@ def with_distances(s: SlidingWindows, places: npt.NDArray[np.unsignedinteger]) -
     # places with the smallest counts fill the last vector
     spare = np.broadcast_to(low.astype(places.dtype), (LANES, len(low)))
     by_pixel = np.ascontiguousarray(np.concatenate([places, spare]).T)
-    distances = np.zeros(count + LANES, dtype=np.int64)
-    for lag in range(length):
-        end = length - 1 - lag
-        # `ReferenceIndex` is faster, but its compilation would take longer than this
-        for column, code in zip(by_pixel, coded[lag].tolist(), strict=True):
-            distances += np.abs(column[end : end + count + LANES].astype(np.int64) - code)
-    base = int(np.abs(coded - np.clip(coded, low, high)).sum())
+    distances = np.zeros((len(coded), count + LANES), dtype=np.int64)
+    for of_sum, windows in zip(distances, coded, strict=True):
+        for end, codes in zip(range(length - 1, -1, -1), windows.tolist(), strict=True):
+            # `ReferenceIndex` is faster, but its compilation would take longer than this
+            for column, code in zip(by_pixel, codes, strict=True):
+                of_sum += np.abs(column[end : end + count + LANES].astype(np.int64) - code)
+    base = np.abs(coded - np.clip(coded, low, high)).sum(axis=(1, 2))
     # upper bound of the distances less the base; padding exceeds it, and a search may include it
     largest = length * int((high - low).sum())
     if 2 * largest + 1 > np.iinfo(np.uint32).max:
@@ -216,32 +219,40 @@ def with_distances(s: SlidingWindows, places: npt.NDArray[np.unsignedinteger]) -
             f"distances of up to {largest} do not fit 32 bits: take fewer pixels, a shorter "
             "sequence, or a counter code"
         )
-    distances[count:] += largest + 1
+    distances[:, count:] += largest + 1
     dtype = np.uint16 if 2 * largest + 1 <= np.iinfo(np.uint16).max else np.uint32
-    sums = aligned_zeros(count + LANES + -(-count // BLOCK), dtype)
-    sums[: count + LANES] = distances - base
+    width = -(-(count + LANES + -(-count // BLOCK)) // LANES) * LANES
+    sums = aligned_zeros(len(coded) * width, dtype).reshape(-1, width)
+    sums[:, : count + LANES] = distances - base[:, None]
     _find_least(sums, count)
     counters = s.counters.copy()
     counters["low"], counters["high"] = low, high
+    totals = [(common, 0, stride, count) for common in base.tolist()]
     return s._replace(
         columns=columns,
         counters=counters,
         sums=sums,
-        totals=np.array([(base, 0, stride, count)], dtype=TOTALS).view(np.recarray),
+        totals=np.array(totals, dtype=TOTALS).view(np.recarray),
     )
 
 
 def _find_least(sums: npt.NDArray[np.unsignedinteger], count: int) -> None:
     """Write the smallest sum of each block behind the sums, see `least_in`."""
-    sums[count + LANES :] = np.minimum.reduceat(sums[:count], np.arange(0, count, BLOCK))
+    starts = np.arange(0, count, BLOCK)
+    least = np.minimum.reduceat(sums[:, :count], starts, axis=1)
+    sums[:, count + LANES : count + LANES + starts.size] = least
 
 
 def _coded(s: SlidingWindows) -> npt.NDArray[np.int64]:
-    """Return the codes of the counters of each lag, shape (L, J); contrast codes are stored too."""
-    if s.contrast.levels.size:
-        plain(write_codes)(s.counts[0], s.contrast, 0, s.contrast.codes[0])
-        return s.contrast.codes[:1]
-    return np.minimum(s.counts, s.saturation)
+    """Return the codes of the windows that each row of distances compares, shape (sums, L, J).
+
+    Contrast codes are stored too.
+    """
+    if not s.contrast.levels.size:
+        return np.minimum(s.counts, s.saturation)[np.newaxis]
+    for i, codes in enumerate(s.contrast.codes):
+        plain(write_codes)(s.counts[: SUMS[i]].sum(axis=0), s.contrast, i, codes[0])
+    return s.contrast.codes[:, :1].copy()
 
 
 # Kernels of the sliding windows: add events, move them from lag to lag, update distances.
@@ -284,7 +295,7 @@ def age(time, slot, bound, moves, totals, tau, n, until):
 
 
 @kernel(inline="always")
-def note_changes(slot, column, before, now, noted, totals, counters, arrays):
+def note_changes(slot, column, before, now, noted, total, counters, arrays):
     """Append the changes from one code of a counter to another.
 
     Parameters
@@ -293,15 +304,17 @@ def note_changes(slot, column, before, now, noted, totals, counters, arrays):
         Index of the lag, counted from the oldest.
     noted : tuple of int
         Numbers of pending changes up and down.
+    total : record of TOTALS
+        Of the row of distances; its common part is updated.
     arrays : tuple
-        `columns`, `sums` and `changes` of `SlidingWindows`.
+        `columns`, a row of `sums`, and `changes` of `SlidingWindows`.
 
     Returns
     -------
     tuple of int
         The new `noted`.
     """
-    total, (columns, sums, changes), (arrivals, expiries) = totals[0], arrays, noted
+    (columns, sums, changes), (arrivals, expiries) = arrays, noted
     up = 1 if now > before else -1
     for step in range(min(before, now), max(before, now)):
         # if all counts of the map are on one side, all distances change equally
@@ -312,7 +325,7 @@ def note_changes(slot, column, before, now, noted, totals, counters, arrays):
             total.common -= up
             continue
         if arrivals + expiries == MAX_CHANGES:
-            update_blocks(sums, columns, changes, arrivals, expiries, total.sums)
+            update_blocks(sums, columns, changes, arrivals, expiries, total.places)
             arrivals = expiries = 0
         if up > 0:
             at = arrivals
@@ -331,7 +344,7 @@ def take_moves(moves, totals, counts, saturation, counters, columns, sums, chang
 
     With contrast codes, only the counters are updated; see `recode`.
     """
-    total = totals[0]
+    total, distances = totals[0], sums[0]
     lags = counts.shape[0]
     noted = (0, 0)
     for m in range(total.moves):
@@ -343,29 +356,35 @@ def take_moves(moves, totals, counts, saturation, counters, columns, sums, chang
             if saturation == 0:
                 continue
             before, now = min(before, saturation), min(now, saturation)
-            arrays = columns, sums, changes
+            arrays = columns, distances, changes
             column = lags - 1 - lag
-            noted = note_changes(slot, column, before, now, noted, totals, counters, arrays)
+            noted = note_changes(slot, column, before, now, noted, total, counters, arrays)
     total.moves = 0
     if noted[0] + noted[1] > 0:
-        update_blocks(sums, columns, changes, noted[0], noted[1], total.sums)
+        update_blocks(distances, columns, changes, noted[0], noted[1], total.places)
 
 
 @kernel(inner=True)
 def recode(contrast, counts, totals, counters, columns, sums, changes):
     """Update contrast codes and distances from the counters; the arrays are those of the state.
 
-    Most codes stay the same; only changed ones take a pass over the places.
+    Most codes of a sum of windows stay the same; only changed ones take a pass over the places.
     """
-    write_codes(counts[0], contrast, np.int64(0), contrast.codes[1])
-    noted = (0, 0)
-    for slot in range(contrast.codes.shape[1]):
-        before, now = contrast.codes[0, slot], contrast.codes[1, slot]
-        contrast.codes[0, slot] = now
-        arrays = columns, sums, changes
-        noted = note_changes(slot, 0, before, now, noted, totals, counters, arrays)
-    if noted[0] + noted[1] > 0:
-        update_blocks(sums, columns, changes, noted[0], noted[1], totals[0].sums)
+    of_windows, added = np.zeros(counts.shape[1], dtype=np.int64), np.int64(0)
+    for i in range(len(sums)):
+        while added < SUMS[i]:
+            for slot in range(of_windows.size):
+                of_windows[slot] += counts[added, slot]
+            added += 1
+        codes, total, arrays = contrast.codes[i], totals[i], (columns, sums[i], changes)
+        write_codes(of_windows, contrast, i, codes[1])
+        noted = (0, 0)
+        for slot in range(of_windows.size):
+            before, now = codes[0, slot], codes[1, slot]
+            codes[0, slot] = now
+            noted = note_changes(slot, 0, before, now, noted, total, counters, arrays)
+        if noted[0] + noted[1] > 0:
+            update_blocks(sums[i], columns, changes, noted[0], noted[1], total.places)
 
 
 @kernel
@@ -405,37 +424,3 @@ def write_codes(counts, contrast, of_sum, out):
     offset = np.int64(1 << (LEVEL_FRACTION_BITS - 1)) - (2 * total + out.size) // (2 * out.size)
     for j in range(out.size):
         out[j] = min(max((out[j] + offset) >> LEVEL_FRACTION_BITS, -half), half - 1) + half
-
-
-@kernel(inner=True)
-def write_distances_of_sums(contrast, counts, totals, columns, sums, windows, out):
-    """Write the distances of the newest window and of sums of the newest windows to all places.
-
-    Parameters
-    ----------
-    counts : ndarray of int64, shape (L, J)
-        Events in each lag.
-    sums : ndarray of uint16 or uint32
-        Distances of the newest window, less a common part.
-    windows : tuple of int
-        Number of windows of each sum; the first is 1.
-    out : ndarray of int32, shape (sums, K)
-        Distances; each row less some constant.
-    """
-    places, counters, stride = out.shape[1], counts.shape[1], totals[0].stride
-    for k in range(places):
-        out[0, k] = sums[k]
-    total, codes = np.empty(counters, dtype=np.int64), np.empty(counters, dtype=np.int64)
-    for s in range(1, len(out)):
-        for j in range(counters):
-            total[j] = 0
-            for lag in range(windows[s]):
-                total[j] += counts[lag, j]
-        write_codes(total, contrast, s, codes)
-        row = out[s]
-        for k in range(places):
-            row[k] = 0
-        for j in range(counters):
-            code, column = np.int32(codes[j]), columns[j * stride : j * stride + places]
-            for k in range(places):
-                row[k] += abs(np.int32(column[k]) - code)
