@@ -261,19 +261,21 @@ def _aligned_by_matching(
 
     Windows that overlap are aligned as several drives, each of windows that do not.
     """
-    asked = {
+    changes = {
         "matching": "filter", "smooth": True, "precision": None,
         "stays_on_map": False,  # a drive to be learnt may leave the route
     }  # fmt: skip
-    matching = reference.matched_with(reference.settings.replaced(asked, "alignment"))
+    matching = reference.matched_with(reference.settings.replaced(changes, "alignment"))
     number = reference.settings.window_parts
     n = len(counted)
-    found = Alignment(np.full(n, -1, dtype=np.int64), np.zeros(n, dtype=np.bool_))
+    alignment = Alignment(np.full(n, -1, dtype=np.int64), np.zeros(n, dtype=np.bool_))
     for first in range(min(number, n)):
         windows = matching.coded(counted.take(slice(first, None, number)))
-        for whole, part in zip(found, _aligned_both_ways(matching, windows, odometry), strict=True):
+        for whole, part in zip(
+            alignment, _aligned_both_ways(matching, windows, odometry), strict=True
+        ):
             whole[first::number] = part
-    return found
+    return alignment
 
 
 def _aligned_both_ways(
@@ -363,15 +365,15 @@ def _aligned_by_track(
         track.kind, track.position.shape[1],
     ):  # fmt: skip
         return None
-    known = np.flatnonzero(np.isfinite(route.along_m))
-    spacing = float(np.ptp(route.along_m[known[[0, -1]]])) / max(known.size - 1, 1)
+    placed = np.flatnonzero(np.isfinite(route.along_m))
+    spacing = float(np.ptp(route.along_m[placed[[0, -1]]])) / max(placed.size - 1, 1)
     place = np.full(len(counted), -1, dtype=np.int64)
     for i, position in enumerate(track.at(counted.centre_us)):
         if np.isfinite(position).all():
-            away = distances(route.kind, route.position[known], position[None])
+            away = distances(route.kind, route.position[placed], position[None])
             nearest = int(away.argmin())
             if away[nearest] <= spacing:
-                place[i] = known[nearest]
+                place[i] = placed[nearest]
     return place
 
 

@@ -281,7 +281,7 @@ def map_traverse(
     """
     recording = opened(recording)
     sensor = recording.sensor
-    _check_asked(sensor, pixel_map, hot, removed)
+    _check_of_sensor(sensor, pixel_map, hot, removed)
     if pixel_map is not None:
         settings = settings.replaced({"pixels": len(pixel_map)}, "the pixel map")
     if settings.places_per_window is None:
@@ -324,7 +324,7 @@ def map_traverse(
     )
 
 
-def _check_asked(
+def _check_of_sensor(
     sensor: Sensor,
     pixel_map: PixelMap | None,
     hot: npt.NDArray[np.bool_] | None,
@@ -406,7 +406,7 @@ def _choose_pixels(
             "selected only from two windows or more: take shorter windows (tau=), or a "
             "longer drive"
         )
-    named = _given_pixels(first, settings.pixels, hot)
+    named = _preselected_pixels(first, settings.pixels, hot)
     if named is not None:
         return named
     excluded = hot | uncounted
@@ -428,7 +428,7 @@ def _choose_pixels(
     )
 
 
-def _given_pixels(
+def _preselected_pixels(
     first: PixelStatistics, pixels: int, hot: npt.NDArray[np.bool_]
 ) -> PixelMap | None:
     """Return the pixels that fire, if they were selected before: few, and busy.

@@ -433,7 +433,7 @@ class ReferenceMap(EqualByValue):
                     f"{by}: setting {name} = {wanted!r}, and the map was made with {own!r}: match "
                     "with the map's, or build another map"
                 )
-        self.check_asked(chosen)
+        self.check_table(chosen)
         matched = self.matched_with(chosen)
         # a precision that the table cannot reach is an error before any work
         _ = matched.acceptance
@@ -506,8 +506,8 @@ class ReferenceMap(EqualByValue):
         if self.odometer_mm is not None or self.route is None:
             return self.odometer_mm
         along_m = self.route.along_m
-        known = np.flatnonzero(np.isfinite(along_m))
-        along_m = np.interp(np.arange(len(along_m)), known, along_m[known])
+        placed = np.flatnonzero(np.isfinite(along_m))
+        along_m = np.interp(np.arange(len(along_m)), placed, along_m[placed])
         return None if along_m[-1] * 1e3 > MOST_MM else np.rint(along_m * 1e3).astype(np.int64)
 
     @property
@@ -563,7 +563,7 @@ class ReferenceMap(EqualByValue):
             learnt_mean=of_counters(self.learnt_mean),
         )
 
-    def check_asked(self, settings: Settings) -> None:
+    def check_table(self, settings: Settings) -> None:
         """Check that other settings for matching ask for no table in place of the map's own."""
         asks = settings.stays_on_map and not self.settings.stays_on_map
         if asks and self.matched_with(settings).confidence is not None:

@@ -300,12 +300,12 @@ class Design:
     @classmethod
     def from_dict(cls, values: Mapping[str, Any], source: str = "design") -> Self:
         """Build from plain values."""
-        known = {field.name for field in fields(cls)}
-        unknown = sorted(set(values) - known)
+        names = {field.name for field in fields(cls)}
+        unknown = sorted(set(values) - names)
         if unknown:
             raise DesignError(
                 f"{source} has the unknown name {unknown[0]!r}: choose from "
-                f"{', '.join(sorted(known))}"
+                f"{', '.join(sorted(names))}"
             )
         missing = sorted({"width", "height", "pixels", "places"} - set(values))
         if missing:
@@ -386,8 +386,8 @@ def formats_of(design: Design) -> dict[str, UnsignedFormat]:
     total = code.sum_of(design.slots * design.length)
     if design.filters:
         total = holding(METRIC_TOP)
-    found: dict[str, UnsignedFormat] = {} if design.filters else {"sequence": total}
-    found |= {
+    formats: dict[str, UnsignedFormat] = {} if design.filters else {"sequence": total}
+    formats |= {
         "timestamp": UnsignedFormat(design.timestamp_bits),
         "column": holding(design.width - 1),
         "row": holding(design.height - 1),
@@ -403,13 +403,13 @@ def formats_of(design: Design) -> dict[str, UnsignedFormat]:
         "place": holding(design.places - 1),
     }
     if design.pauses:
-        found |= {
+        formats |= {
             "window_events": holding(EVENTS_TOP),
             "activity": holding(EVENTS_TOP << ACTIVITY_FRACTION_BITS),
             "event_log": holding(LOG_TOP),
         }
     if design.contrast:
-        found |= {
+        formats |= {
             "limit": holding(design.count_max),
             "level": holding(LEVEL_TOP),
             "mean": holding(LEVEL_TOP << MEAN_FRACTION_BITS),
@@ -418,7 +418,7 @@ def formats_of(design: Design) -> dict[str, UnsignedFormat]:
     if design.filters:
         biased = holding(distance.highest + BIAS_TOP)
         highest_cost = max(*map(max, design.step_costs), design.restart << FRACTION_BITS)
-        found |= {
+        formats |= {
             "place_activity": UnsignedFormat(PLACE_ACTIVITY_BITS),
             "place_bias": holding(BIAS_TOP),
             "biased": biased,
@@ -431,7 +431,7 @@ def formats_of(design: Design) -> dict[str, UnsignedFormat]:
             "metric": holding(METRIC_TOP),
             "trust": holding(TRUST_TOP),
         }
-    return found
+    return formats
 
 
 def widths_of(design: Design) -> dict[str, int]:

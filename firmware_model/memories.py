@@ -91,13 +91,13 @@ class Memories:
         slots = design.slots if design.contrast else 0
         places_of_filter = design.places if design.filters else 0
         object.__setattr__(self, "activity", int(activity))
-        for name, given, length, usual in (
+        for name, contents, length, usual in (
             ("mean", mean, slots, 0),
             ("limits", limits, slots, design.count_max),
             ("place_activity", place_activity, places_of_filter, 0),
             ("place_bias", place_bias, places_of_filter, 0),
         ):
-            values = (usual,) * length if given is None else tuple(map(int, given))
+            values = (usual,) * length if contents is None else tuple(map(int, contents))
             object.__setattr__(self, name, values)
         object.__setattr__(self, "pixels", tuple((int(x), int(y)) for x, y in pixels))
         object.__setattr__(self, "places", tuple(tuple(map(int, place)) for place in places))

@@ -318,19 +318,19 @@ class Seen(NamedTuple):
 
 
 def see(
-    known: FilterMap, state: Filter, activity: int, paused: bool, patience: int = PATIENCE
+    filter_map: FilterMap, state: Filter, activity: int, paused: bool, patience: int = PATIENCE
 ) -> Seen:
     """Return what the number of events says: weight, standing and sums, step 1."""
     weight, few = 8, paused
     if state.place is not None:
-        surplus = activity - known.activity[state.place] - min(known.gains[state.gain], 0)
+        surplus = activity - filter_map.activity[state.place] - min(filter_map.gains[state.gain], 0)
         weight, few = min(max((surplus + 56) >> 1, 0), 8), paused or surplus < -48
     in_row = min(state.few + 1, patience + 1) if few else 0
-    speed, moved, several = state.speed, state.moved, len(known.gains) > 1
+    speed, moved, several = state.speed, state.moved, len(filter_map.gains) > 1
     if several and not few:
         speed += (16 * activity - speed) >> min((1 + moved).bit_length() - 1, 6)
         moved = min(moved + 1, 63)
-    looks = [which_sum(speed, gain) if several else 0 for gain in known.gains]
+    looks = [which_sum(speed, gain) if several else 0 for gain in filter_map.gains]
     return Seen(activity, paused, weight, in_row, in_row > patience, speed, moved, looks)
 
 
@@ -339,7 +339,7 @@ def which_sum(speed: int, gain: int) -> int:
     return sum((speed >> 4) - gain < limit for limit in SUM_LIMITS)
 
 
-def predict(known: FilterMap, state: Filter, steps: Sequence[Edges]) -> list[list[int]]:
+def predict(filter_map: FilterMap, state: Filter, steps: Sequence[Edges]) -> list[list[int]]:
     """Return the cost of being at each place with each gain, without the evidence, step 2.
 
     Parameters
@@ -348,9 +348,9 @@ def predict(known: FilterMap, state: Filter, steps: Sequence[Edges]) -> list[lis
         Of each gain, see `steps_of`.
     """
     if state.place is None:
-        return [[0] * len(known.activity) for _ in known.gains]
+        return [[0] * len(filter_map.activity) for _ in filter_map.gains]
     changed = change_gain(state.metrics)
-    return [move(row, edges, known.restart) for row, edges in zip(changed, steps, strict=True)]
+    return [move(row, edges, filter_map.restart) for row, edges in zip(changed, steps, strict=True)]
 
 
 def change_gain(metrics: Rows) -> list[list[int]]:
@@ -377,18 +377,18 @@ def row_of(activity: int) -> int:
     return min(max((activity + 4) >> 3, -12), 6) + SAME_ROW
 
 
-def costs_to(known: FilterMap, seen: Seen, gain: int, place: int) -> Sequence[int]:
+def costs_to(filter_map: FilterMap, seen: Seen, gain: int, place: int) -> Sequence[int]:
     """Return the costs of the steps of 0, 1, 2 ... places by which a place is reached."""
     if seen.stands:
-        return known.costs[0]
-    return known.costs[row_of(seen.activity - known.activity[place] - gain)]
+        return filter_map.costs[0]
+    return filter_map.costs[row_of(seen.activity - filter_map.activity[place] - gain)]
 
 
-def steps_of(known: FilterMap, seen: Seen, gain: int) -> Edges:
+def steps_of(filter_map: FilterMap, seen: Seen, gain: int) -> Edges:
     """Return all steps of a gain."""
     edges = []
-    for k in range(len(known.activity)):
-        costs = costs_to(known, seen, gain, k)[: k + 1]
+    for k in range(len(filter_map.activity)):
+        costs = costs_to(filter_map, seen, gain, k)[: k + 1]
         edges += [(k - i, k, cost) for i, cost in enumerate(costs)]
     return edges
 
@@ -407,7 +407,7 @@ class Evidence(NamedTuple):
     reciprocals: Sequence[int]  #: R of each sum, for the next window.
 
 
-def evidence(known: FilterMap, state: Filter, seen: Seen, distances: Rows) -> Evidence:
+def evidence(filter_map: FilterMap, state: Filter, seen: Seen, distances: Rows) -> Evidence:
     """Return the evidence of the sums that gains look at, step 3.
 
     Parameters
@@ -415,12 +415,12 @@ def evidence(known: FilterMap, state: Filter, seen: Seen, distances: Rows) -> Ev
     distances : Rows
         D of each sum to each place; not used in a pause.
     """
-    places, sums = len(known.activity), range(len(SUMS))
+    places, sums = len(filter_map.activity), range(len(SUMS))
     if seen.paused:
         return Evidence([[0] * places for _ in sums], (0, 0, 0), state.reciprocals)
     against, scales, own = [[0] * places for _ in sums], [0 for _ in sums], [0 for _ in sums]
     for i in set(seen.looks):
-        biased = [d + b for d, b in zip(distances[i], known.bias, strict=True)]
+        biased = [d + b for d, b in zip(distances[i], filter_map.bias, strict=True)]
         own[i] = (1 << 16) // spread_of(biased)
         scales[i] = state.reciprocals[i] or own[i]
         against[i] = evidence_of(biased, scales[i], seen.weight)
@@ -448,21 +448,21 @@ class Best(NamedTuple):
     place: int
     gain: int
     told: int  #: Middle of the places near the best.
-    found: BestPlaces
+    nearest: BestPlaces
 
     @property
     def margin(self) -> int:
         """Second best metric less the best."""
-        second = self.found.second_sum
-        return METRIC_TOP if second is None else second - self.found.sum
+        second = self.nearest.second_sum
+        return METRIC_TOP if second is None else second - self.nearest.sum
 
 
-def best(known: FilterMap, metrics: Rows) -> Best:
+def best(filter_map: FilterMap, metrics: Rows) -> Best:
     """Return the best place, its gain, and the middle of the places near it, step 4."""
     least = [min(column) for column in zip(*metrics, strict=True)]
-    nearest = search(least, known.exclusion)
+    nearest = search(least, filter_map.exclusion)
     gain = min(range(len(metrics)), key=lambda h: metrics[h][nearest.place])
-    return Best(nearest.place, gain, middle(least, nearest.place, known.reach), nearest)
+    return Best(nearest.place, gain, middle(least, nearest.place, filter_map.reach), nearest)
 
 
 def middle(least: Sequence[int], place: int, reach: int) -> int:
@@ -525,21 +525,23 @@ class Advanced(NamedTuple):
 
 
 def advance(
-    known: FilterMap, state: Filter, activity: int, paused: bool, distances: Rows
+    filter_map: FilterMap, state: Filter, activity: int, paused: bool, distances: Rows
 ) -> Advanced:
     """Advance the filter by a window, and match it."""
-    seen = see(known, state, activity, paused)
-    predicted = predict(known, state, [steps_of(known, seen, gain) for gain in known.gains])
-    return decide(known, state, seen, predicted, evidence(known, state, seen, distances))
+    seen = see(filter_map, state, activity, paused)
+    predicted = predict(
+        filter_map, state, [steps_of(filter_map, seen, gain) for gain in filter_map.gains]
+    )
+    return decide(filter_map, state, seen, predicted, evidence(filter_map, state, seen, distances))
 
 
 def decide(
-    known: FilterMap, state: Filter, seen: Seen, predicted: Rows, against: Evidence
+    filter_map: FilterMap, state: Filter, seen: Seen, predicted: Rows, against: Evidence
 ) -> Advanced:
     """Match a window by its prediction and its evidence."""
     metrics = add(predicted, against, seen.looks)
-    match = best(known, metrics)
-    follows = state.place is not None and 0 <= match.place - state.place <= known.last
+    match = best(filter_map, metrics)
+    follows = state.place is not None and 0 <= match.place - state.place <= filter_map.last
     judged = trust(state, match, against.against[seen.looks[match.gain]][match.place], follows)
     after = state_after(state, seen, against, metrics, match, judged)
     return Advanced(after, seen, predicted, against, match, judged)
@@ -617,7 +619,7 @@ class Machine:
         self.compared: Rows = ()
         self.advanced: Advanced | None = None
         self._pixels = {pixel: slot for slot, pixel in enumerate(memories.pixels)}
-        self._known = FilterMap.of(memories) if self.design.filters else None
+        self._filter_map = FilterMap.of(memories) if self.design.filters else None
 
     def take(self, event: Event) -> Iterator[Result]:
         """Process an event, section 2.
@@ -679,8 +681,8 @@ class Machine:
         )  # fmt: skip
         self.counts, self.counted = [0] * design.slots, 0
         match: MatchResult | None
-        if self._known is not None:
-            match, state = self._filter(self._known, codes, state)
+        if self._filter_map is not None:
+            match, state = self._filter(self._filter_map, codes, state)
         else:
             match = self._sequence(kept.windows, codes[0])
         if design.pauses:
@@ -716,26 +718,28 @@ class Machine:
         return MatchResult(window, *nearest, accepts(self.design, nearest, 0))
 
     def _filter(
-        self, known: FilterMap, codes: Rows, state: WindowState
+        self, filter_map: FilterMap, codes: Rows, state: WindowState
     ) -> tuple[MatchResult, WindowState]:
         """Match a window by the place filter, section 6."""
         self.compared = distances = [self.distances(of_sum) for of_sum in codes]
-        self.advanced = advance(known, self.kept.filter, state.activity, state.paused, distances)
+        self.advanced = advance(
+            filter_map, self.kept.filter, state.activity, state.paused, distances
+        )
         after, seen, _, against, matched, judged = self.advanced
         self.kept = replace(self.kept, filter=after)
         state = state._replace(
             weight=0 if state.paused else seen.weight, few=seen.few, stands=seen.stands,
             speed=seen.speed, sums=sum(1 << i for i in set(seen.looks)), best=matched.place,
-            gain=known.gains[matched.gain], least=matched.found.sum, margin=matched.margin,
+            gain=filter_map.gains[matched.gain], least=matched.nearest.sum, margin=matched.margin,
             kept=judged.kept, support=judged.support, age=judged.age,
             worst_residual=judged.worst_residual,
         )  # fmt: skip
         if not state.paused:
             i = seen.looks[matched.gain]
-            biased = [d + b for d, b in zip(distances[i], known.bias, strict=True)]
+            biased = [d + b for d, b in zip(distances[i], filter_map.bias, strict=True)]
             state = state._replace(reciprocal=against.scales[i], spread=spread_of(biased))
-        accepted = accepts(self.design, matched.found, judged.trust)
-        told = matched.found._replace(place=matched.told)
+        accepted = accepts(self.design, matched.nearest, judged.trust)
+        told = matched.nearest._replace(place=matched.told)
         return MatchResult(state.window, *told, accepted, judged.trust), state
 
 

@@ -205,7 +205,7 @@ class Window(NamedTuple):
 
 
 def advance_window(
-    known: DriveMap,
+    drive_map: DriveMap,
     state: Filter,
     activity: int,
     paused: bool,
@@ -222,11 +222,11 @@ def advance_window(
     driven, driven_whole : int
         With odometry, the distance that counts and the whole distance of the window.
     """
-    of_filter = known.filter
+    of_filter = drive_map.filter
     seen = see(of_filter, state, activity, paused, patience)
     whole, by_distance = seen.weight, None
     if driven is not None:
-        along, per_window = known.along, of_filter.per_window
+        along, per_window = drive_map.along, of_filter.per_window
         by_distance = transitions_by_distance(along, driven, per_window)
         weight = min(whole, most_weight(along, driven_whole, per_window))
         seen = seen._replace(weight=weight, looks=[0] * len(seen.looks))
@@ -238,7 +238,7 @@ def advance_window(
     against = evidence(of_filter, state, seen, distances)
     metrics = add(predicted, against, seen.looks)
     match = best(of_filter, metrics)
-    follows = is_reached(known, state.place, match.place, by_distance)
+    follows = is_reached(drive_map, state.place, match.place, by_distance)
     judged = trust(state, match, against.against[seen.looks[match.gain]][match.place], follows)
     after = state_after(state, seen, against, metrics, match, judged)
     share = 8 * seen.weight // whole if whole and not paused else 8
@@ -247,43 +247,50 @@ def advance_window(
     )
 
 
-def predict_by_distance(known: FilterMap, state: Filter, by_distance: Edges) -> list[list[int]]:
+def predict_by_distance(
+    filter_map: FilterMap, state: Filter, by_distance: Edges
+) -> list[list[int]]:
     """Return the predictions by a driven distance, which is the same for every gain."""
     if state.place is None:
-        return predict(known, state, ())
+        return predict(filter_map, state, ())
     least = [min(column) for column in zip(*state.metrics, strict=True)]
-    once = move([one - min(least) for one in least], by_distance, known.restart)
-    return [[one + GAIN_STEP * (h != state.gain) for one in once] for h in range(len(known.gains))]
+    once = move([one - min(least) for one in least], by_distance, filter_map.restart)
+    return [
+        [one + GAIN_STEP * (h != state.gain) for one in once] for h in range(len(filter_map.gains))
+    ]
 
 
-def is_reached(known: DriveMap, before: int | None, place: int, by_distance: Edges | None) -> bool:
+def is_reached(
+    drive_map: DriveMap, before: int | None, place: int, by_distance: Edges | None
+) -> bool:
     """Return whether a best place follows that of the window before."""
     if before is None:
         return False
     if by_distance is not None:
         return any(
-            (j, k) == (before, place) and cost < known.filter.restart for j, k, cost in by_distance
+            (j, k) == (before, place) and cost < drive_map.filter.restart
+            for j, k, cost in by_distance
         )
-    return 0 <= place - before <= known.filter.last
+    return 0 <= place - before <= drive_map.filter.last
 
 
 # The rest of a drive.
 
 
-def smoothed(known: DriveMap, windows: Sequence[Window]) -> list[tuple[Best, Rows]]:
+def smoothed(drive_map: DriveMap, windows: Sequence[Window]) -> list[tuple[Best, Rows]]:
     """Return the best place of each window by the whole drive, and the costs of whole paths.
 
     Each gain looks at the same sums backwards as forwards.
     """
-    to_go: Rows = known.begin().metrics
+    to_go: Rows = drive_map.begin().metrics
     of_windows: list[tuple[Best, Rows]] = []
     for window in reversed(windows):
         whole = _sums(window.metrics, to_go)
-        of_windows.append((best(known.filter, whole), whole))
+        of_windows.append((best(drive_map.filter, whole), whole))
         behind = _sums(to_go, [window.evidence(h) for h in range(len(to_go))])
-        to_go = change_gain(_before(known, window, behind))
+        to_go = change_gain(_before(drive_map, window, behind))
         if window.unseen:
-            steps = window.unseen * known.filter.per_window
+            steps = window.unseen * drive_map.filter.per_window
             to_go = [spread(row[::-1], steps)[::-1] for row in to_go]
     return of_windows[::-1]
 
@@ -295,9 +302,9 @@ def _sums(one: Rows, other: Rows) -> list[list[int]]:
     ]
 
 
-def _before(known: DriveMap, window: Window, behind: Rows) -> list[list[int]]:
+def _before(drive_map: DriveMap, window: Window, behind: Rows) -> list[list[int]]:
     """Return the least costs before a window: the steps of each gain, mirrored."""
-    restart = known.filter.restart
+    restart = drive_map.filter.restart
     if window.by_distance is not None:
         least = [min(column) for column in zip(*behind, strict=True)]
         return [move(least, _mirrored(window.by_distance), restart)] * len(behind)
@@ -324,11 +331,11 @@ class DriveMatch(NamedTuple):
 
 
 def _match_of(one: Best, trust_in_it: int) -> DriveMatch:
-    return DriveMatch(*one.found._replace(place=one.told), trust_in_it)
+    return DriveMatch(*one.nearest._replace(place=one.told), trust_in_it)
 
 
 def windows_of(
-    known: DriveMap,
+    drive_map: DriveMap,
     distances: Sequence[Rows],
     counted: Sequence[int],
     driven: Sequence[int | None] = (),
@@ -352,21 +359,21 @@ def windows_of(
     unseen : sequence of int, length n, optional
         Halves of a window in which nothing was seen, as known in each window.
     """
-    state, mean = begin or (known.begin(), known.mean_activity)
+    state, mean = begin or (drive_map.begin(), drive_map.mean_activity)
     raw = driven or [None] * len(counted)
-    that_counts = anchored(raw, spacing_of(known.along)) if known.along else raw
+    that_counts = anchored(raw, spacing_of(drive_map.along)) if drive_map.along else raw
     advanced = []
     halves = unseen or [0] * len(counted)
     for rows, events, of_anchor, mm, gap in zip(
         distances, counted, that_counts, raw, halves, strict=True
     ):
         if gap:
-            steps = gap * known.filter.per_window
+            steps = gap * drive_map.filter.per_window
             metrics = [spread(row, steps) for row in state.metrics]
             state = state._replace(metrics=metrics, support=0, age=0)
-        of_mean = known.mean_activity if len(known.filter.gains) > 1 else mean
+        of_mean = drive_map.mean_activity if len(drive_map.filter.gains) > 1 else mean
         window = advance_window(
-            known, state, activity_of(events, of_mean), is_pause(events, mean), rows,
+            drive_map, state, activity_of(events, of_mean), is_pause(events, mean), rows,
             patience=patience, driven=of_anchor, driven_whole=mm or 0,
         )  # fmt: skip
         state, mean = window.advanced.state, mean_activity_after(mean, events)
@@ -379,20 +386,20 @@ def live_matches(windows: Sequence[Window]) -> list[DriveMatch]:
     return [_match_of(one.advanced.best, one.advanced.trust.trust) for one in windows]
 
 
-def smoothed_matches(known: DriveMap, windows: Sequence[Window]) -> list[DriveMatch]:
+def smoothed_matches(drive_map: DriveMap, windows: Sequence[Window]) -> list[DriveMatch]:
     """Return the match of each window by the whole drive."""
-    n, bests = len(windows), [one for one, _ in smoothed(known, windows)]
+    n, bests = len(windows), [one for one, _ in smoothed(drive_map, windows)]
     places = [one.place for one in bests]
     pairs = enumerate(pairwise(places), 1)
-    chained = [False, *(is_reached(known, *pair, windows[w].by_distance) for w, pair in pairs)]
+    chained = [False, *(is_reached(drive_map, *pair, windows[w].by_distance) for w, pair in pairs)]
     # no window speaks for one beyond unseen time
     chained = [one and not window.unseen for one, window in zip(chained, windows, strict=True)]
     alike = [len(list(same)) for _, same in groupby(places)]
     row = [size for size in alike for _ in range(size)]
     terms = []
     for size, one in zip(row, bests, strict=True):
-        second = one.found.second_sum
-        term = 16 * (1023 if second is None else second - one.found.sum)
+        second = one.nearest.second_sum
+        term = 16 * (1023 if second is None else second - one.nearest.sum)
         for _ in range(size - 1):
             term -= term >> 4
         terms.append(term)

@@ -35,13 +35,13 @@ def least_events() -> npt.NDArray[np.int64]:
     n or less.
     """
     # ceil(2**(j / 16)) - 1: four square roots, each rounded up
-    found = []
+    least = []
     for j in range(1, LOG_TOP + 1):
         root = 1 << j
         for _ in range(4):
             root = math.isqrt(root - 1) + 1
-        found.append(root - 1)
-    return np.array(found, dtype=np.int64)
+        least.append(root - 1)
+    return np.array(least, dtype=np.int64)
 
 
 # The bank of gains: hypotheses of how many events the camera sends against that of the reference.

@@ -121,8 +121,8 @@ class CounterCode:
         ndarray of uint8 (uint16 from 9 bits on), of the same shape
         """
         # limit as uint16, since NumPy would convert a plain integer to the dtype of the counts
-        known = np.minimum(counts, np.uint16(self.full_scale))
-        return self.table[known].astype(self.format.numpy_dtype())
+        clipped = np.minimum(counts, np.uint16(self.full_scale))
+        return self.table[clipped].astype(self.format.numpy_dtype())
 
     def decode(self, codes: Counts) -> npt.NDArray[np.int64]:
         """Give a count in the middle of those with each code, for plots.

@@ -71,8 +71,8 @@ class Browser:
         """Load a file or an address, and wait until all of it is there."""
         self._events.clear()
         url = page if isinstance(page, str) else page.absolute().as_uri()
-        found = self.call("Page.navigate", url=url)
-        assert "errorText" not in found, found["errorText"]
+        answer = self.call("Page.navigate", url=url)
+        assert "errorText" not in answer, answer["errorText"]
         while not any(event.get("method") == "Page.loadEventFired" for event in self._events):
             self._note(self._next())
 
@@ -87,9 +87,9 @@ class Browser:
 
     def value(self, expression: str) -> Any:
         """Return what an expression of JavaScript gives."""
-        found = self.call("Runtime.evaluate", expression=expression, returnByValue=True)
-        assert "exceptionDetails" not in found, found
-        return found["result"].get("value")
+        answer = self.call("Runtime.evaluate", expression=expression, returnByValue=True)
+        assert "exceptionDetails" not in answer, answer
+        return answer["result"].get("value")
 
     def wait_for(self, expression: str) -> None:
         """Wait until an expression of JavaScript is true."""
@@ -100,13 +100,13 @@ class Browser:
 
     def screenshot(self, path: Path, *, whole: bool = True) -> None:
         """Save the page, or what of it fits the window, as PNG."""
-        found = self.call("Page.captureScreenshot", captureBeyondViewport=whole)
-        path.write_bytes(base64.b64decode(found["data"]))
+        answer = self.call("Page.captureScreenshot", captureBeyondViewport=whole)
+        path.write_bytes(base64.b64decode(answer["data"]))
 
     def pdf(self) -> bytes:
         """Return what a printer would print."""
-        found = self.call("Page.printToPDF", preferCSSPageSize=True, printBackground=True)
-        return base64.b64decode(found["data"])
+        answer = self.call("Page.printToPDF", preferCSSPageSize=True, printBackground=True)
+        return base64.b64decode(answer["data"])
 
     def _note(self, event: dict[str, Any]) -> None:
         self._events.append(event)

@@ -52,14 +52,14 @@ def unseen_halves(times: Sequence[int], tau: int, windows: int, end: int) -> lis
     Of a gap, the first is known once a quarter has passed, and the others, rounded up, at its end.
     """
     half, quarter = max(tau // 2, 1), max(tau // 4, 1)
-    found, before = [0] * windows, 0
+    halves, before = [0] * windows, 0
     for i, t in enumerate([*times, end]):
         if t - before >= quarter:
-            found[(before + quarter) // tau] += 1
+            halves[(before + quarter) // tau] += 1
             if i < len(times):
-                found[t // tau] += math.ceil((t - before) / half) - 1
+                halves[t // tau] += math.ceil((t - before) / half) - 1
         before = t
-    return found
+    return halves
 
 
 def fixed_count_windows(
@@ -99,7 +99,7 @@ def hot_pixels(totals: Matrix, factor: int) -> list[Pixel]:
     """
     height, width = len(totals), len(totals[0])
     everything = sum(map(sum, totals))
-    found = []
+    hot = []
     for y in range(height):
         for x in range(width):
             around = sorted(
@@ -111,8 +111,8 @@ def hot_pixels(totals: Matrix, factor: int) -> list[Pixel]:
             median = around[len(around) // 2] if around else 0
             above_mean = totals[y][x] * width * height > factor * everything
             if above_mean and totals[y][x] > factor * (median + 1):
-                found.append((x, y))
-    return found
+                hot.append((x, y))
+    return hot
 
 
 @cache  # powers of a thousand digits
@@ -215,12 +215,12 @@ def precision_recall(
 
 def recall_at(distances: Matrix, correct: list[list[bool]], n: int) -> tuple[int, int]:
     """Queries with a true place among the `n` nearest (ties: lowest), and queries with one."""
-    found = having = 0
+    recalled = having = 0
     for j in range(len(distances[0])):
         nearest = sorted(range(len(distances)), key=lambda k: (distances[k][j], k))[:n]
-        found += any(correct[k][j] for k in nearest)
+        recalled += any(correct[k][j] for k in nearest)
         having += any(row[j] for row in correct)
-    return found, having
+    return recalled, having
 
 
 def interpolate(
@@ -250,14 +250,14 @@ def pixel_crossings(
     logs: Sequence[float], on: float, off: float
 ) -> list[tuple[int, float, float, bool]]:
     """One simulated pixel: (step, remembered level, rise from there to the crossing, ON)."""
-    found, level = [], logs[0]
+    crossings, level = [], logs[0]
     for step in range(1, len(logs)):
         move = logs[step] - level
         threshold = on if move >= on else -off if -move >= off else 0.0
         n = int(move / threshold) if threshold else 0
-        found += [(step, level, k * threshold, threshold > 0) for k in range(1, n + 1)]
+        crossings += [(step, level, k * threshold, threshold > 0) for k in range(1, n + 1)]
         level += n * threshold
-    return found
+    return crossings
 
 
 def pixel_events(
@@ -357,10 +357,10 @@ def likeness(
             total += value
         return total / len(values)
 
-    found = [[correlation(a, b) for b in levels(windows)] for a in levels(places)]
+    correlations = [[correlation(a, b) for b in levels(windows)] for a in levels(places)]
     return [
         max(
-            mean([found[k + i][j + i] for i in range(length)])
+            mean([correlations[k + i][j + i] for i in range(length)])
             for k in range(len(places) - length + 1)
         )
         for j in range(len(windows) - length + 1)

@@ -58,13 +58,13 @@ def descriptors(counts) -> Descriptors:
 
 def with_sums(matches, length: int = 1):
     """Records of MATCH_DTYPE with the exact sums over L windows that the distances are means of."""
-    found = matches.astype([(name, matches.dtype[name]) for name in matches.dtype.names])
+    with_fields = matches.astype([(name, matches.dtype[name]) for name in matches.dtype.names])
     sums = {"distance": np.rint(matches["distance"] * length)}
     second = np.nan_to_num(matches["second_distance"], nan=-1 / length)
     sums["second_distance"] = np.rint(second * length)
     for name, values in sums.items():
-        found[name] = values
-    return found
+        with_fields[name] = values
+    return with_fields
 
 
 def from_first(events: Events) -> Events:

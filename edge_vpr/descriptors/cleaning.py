@@ -118,7 +118,7 @@ class BurstFilter:
         return held[:0]
 
     @property
-    def known_us(self) -> int:
+    def complete_us(self) -> int:
         """Time before which all events have left the filter; the largest time if none is held."""
         if self._events.size == 0:
             return np.iinfo(np.int64).max

@@ -487,7 +487,7 @@ class PublishedWindows:
         frames = read_count_frames(path)
         self._frames = frames
         start, end = (0, None) if crop is None else crop.span(frames.start_us)
-        self._period_us = _known(
+        self._period_us = _stated(
             frames.period or period, path, "how long a frame lasts: pass frame_period="
         ) * Fraction(1_000_000)
         self.window_us = max(1, round(self._period_us))
@@ -500,9 +500,9 @@ class PublishedWindows:
             )
         self.cropped_us = math.floor(self._first * self._period_us)
         self.start_us = frames.start_us + self.cropped_us
-        self.sensor = _known(frames.sensor or size, path, "its sensor: pass sensor='WxH'")
-        x = _known(frames.pixel_x, path, "where its pixels lie: add pixel_x and pixel_y")
-        y = _known(frames.pixel_y, path, "where its pixels lie: add pixel_x and pixel_y")
+        self.sensor = _stated(frames.sensor or size, path, "its sensor: pass sensor='WxH'")
+        x = _stated(frames.pixel_x, path, "where its pixels lie: add pixel_x and pixel_y")
+        y = _stated(frames.pixel_y, path, "where its pixels lie: add pixel_x and pixel_y")
         if x.max() >= self.sensor.width or y.max() >= self.sensor.height:
             raise UsageError(
                 f"{path} counts pixels up to column {x.max()} and row {y.max()}, off the "
@@ -535,7 +535,7 @@ class PublishedWindows:
         return itertools.islice(rows, self._first, self._last)
 
 
-def _known(value: T | None, path: str | Path, what: str) -> T:
+def _stated(value: T | None, path: str | Path, what: str) -> T:
     if value is None:
         raise UsageError(f"{path} does not say {what}")
     return value

@@ -153,7 +153,7 @@ class GroundTruth(EqualByValue):
     correct : ndarray of bool or TrueCells, shape (K, Q)
         ``correct[k, j]``: place k is correct for query j. Oriented as the distance matrix. Of more
         than 64 Mi cells only the true ones are kept; `numpy.asarray` gives them all.
-    known : ndarray of bool, shape (Q,)
+    has_truth : ndarray of bool, shape (Q,)
         Whether the truth of this query is known: its position is, and no place of unknown position
         can be correct for it. Only these queries are evaluated.
     description : str
@@ -168,7 +168,7 @@ class GroundTruth(EqualByValue):
     """
 
     correct: npt.NDArray[np.bool_] | TrueCells
-    known: npt.NDArray[np.bool_]
+    has_truth: npt.NDArray[np.bool_]
     description: str
     positions: TruePositions | None = None
     placed: npt.NDArray[np.bool_] | None = None
@@ -176,24 +176,24 @@ class GroundTruth(EqualByValue):
 
     def __repr__(self) -> str:
         places, queries = self.correct.shape
-        number = int(np.count_nonzero(self.known))
+        number = int(np.count_nonzero(self.has_truth))
         return f"GroundTruth({number} of {queries} queries known, {places} places)"
 
     def __post_init__(self) -> None:
-        correct, known = self.correct, np.asarray(self.known)
+        correct, has_truth = self.correct, np.asarray(self.has_truth)
         if not isinstance(correct, TrueCells):
             correct = np.asarray(correct)
-        if correct.dtype != np.bool_ or known.dtype != np.bool_ or correct.ndim != 2:
+        if correct.dtype != np.bool_ or has_truth.dtype != np.bool_ or correct.ndim != 2:
             raise GroundTruthError(
-                f"ground truth is {correct.dtype} {correct.shape} with known {known.dtype}: "
-                "give bool arrays (K, Q) and (Q,), or call edge_vpr.from_matrix"
+                f"ground truth is {correct.dtype} {correct.shape} with has_truth "
+                f"{has_truth.dtype}: give bool arrays (K, Q) and (Q,), or call edge_vpr.from_matrix"
             )
-        if known.shape != correct.shape[1:]:
+        if has_truth.shape != correct.shape[1:]:
             raise GroundTruthError(
-                f"ground truth of {correct.shape[1]} queries has known of shape {known.shape}: "
-                "give one value per query"
+                f"ground truth of {correct.shape[1]} queries comes with has_truth of shape "
+                f"{has_truth.shape}: give one value per query"
             )
-        if (correct.any(axis=0) & ~known).any():
+        if (correct.any(axis=0) & ~has_truth).any():
             raise GroundTruthError(
                 "a query of unknown truth has a correct place: clear its column, or mark it known"
             )
@@ -215,10 +215,10 @@ class GroundTruth(EqualByValue):
         """
         assert self.placed is not None
         place, query = np.broadcast_arrays(place, query)
-        judged = np.asarray(self.known[query] & self.placed[place])
+        judged = np.asarray(self.has_truth[query] & self.placed[place])
         at = self.positions
         if at is not None and at.whereabouts is not None:
-            unplaced = self.known[query] & ~judged
+            unplaced = self.has_truth[query] & ~judged
             judged[unplaced] = ~at.whereabouts.may_be_within(
                 place[unplaced], at.query[query[unplaced]], at.tolerance
             )
@@ -228,7 +228,7 @@ class GroundTruth(EqualByValue):
     def chance(self) -> float:
         """Share of correct cells among all that can be judged: the accuracy of guessing."""
         assert self.placed is not None
-        cells = int(self.known.sum()) * int(self.placed.sum())
+        cells = int(self.has_truth.sum()) * int(self.placed.sum())
         true = self.correct.flat.size if isinstance(self.correct, TrueCells) else self.correct.sum()
         return int(true) / max(cells, 1)
 

@@ -113,10 +113,10 @@ class UdpSenderLink(SocketLink):
 
     def __init__(self, host: str, port: int) -> None:
         with as_link_error(f"udp://{host}:{port}"):
-            found = socket.getaddrinfo(host, port, type=socket.SOCK_DGRAM)[0]
+            resolved = socket.getaddrinfo(host, port, type=socket.SOCK_DGRAM)[0]
             # not connected, because a missing receiver would then be an error
-            sock = socket.socket(found[0], socket.SOCK_DGRAM)
-        self._to = found[4]
+            sock = socket.socket(resolved[0], socket.SOCK_DGRAM)
+        self._to = resolved[4]
         super().__init__(f"udp://{bracketed(host)}:{port}", sock)
 
     def read(self, timeout: float) -> bytes:
@@ -183,7 +183,7 @@ class LineFaults:
     @classmethod
     def parse(cls, text: str) -> LineFaults:
         """Read ``drop=1e-4,flip=1e-5,stall=5@20``, where the stall begins at 20 s."""
-        known = {"drop": 1.0, "flip": 1.0, "insert": 1.0, "garbage": 1e6, "stall": 3_600.0}
+        largest = {"drop": 1.0, "flip": 1.0, "insert": 1.0, "garbage": 1e6, "stall": 3_600.0}
         values: dict[str, float] = {}
         for item in filter(None, text.split(",")):
             name, _, value = item.partition("=")
@@ -192,13 +192,13 @@ class LineFaults:
                 values["stall_at"] = _number(at) if later else cls.stall_at
             values[name] = _number(value)
             if (
-                name not in known
-                or not 0 <= values[name] <= known[name]
+                name not in largest
+                or not 0 <= values[name] <= largest[name]
                 or not 0 <= values.get("stall_at", 0.0) < math.inf
             ):
                 raise UsageError(
-                    f"fault {item!r}: expected one of {', '.join(known)} and a value, for example "
-                    "drop=1e-4,stall=5@20"
+                    f"fault {item!r}: expected one of {', '.join(largest)} and a value, for "
+                    "example drop=1e-4,stall=5@20"
                 )
         garbage = int(values.pop("garbage", 0))
         return cls(garbage=garbage, **values)

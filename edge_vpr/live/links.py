@@ -324,9 +324,9 @@ class UdpHostLink(SocketLink):
 
     def __init__(self, host: str, port: int) -> None:
         with as_link_error(f"udp://{host}:{port}"):
-            found = socket.getaddrinfo(host, port, type=socket.SOCK_DGRAM)[0]
-            sock = socket.socket(found[0], socket.SOCK_DGRAM)
-            sock.bind(found[4])
+            resolved = socket.getaddrinfo(host, port, type=socket.SOCK_DGRAM)[0]
+            sock = socket.socket(resolved[0], socket.SOCK_DGRAM)
+            sock.bind(resolved[4])
         super().__init__(address_of("udp", sock), sock)
         self._sender: object = None
         self._heard_s = 0.0
@@ -387,8 +387,8 @@ def listening_socket(host: str, port: int, what: str) -> socket.socket:
         If it cannot be listened on.
     """
     try:
-        found = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0]
-        server = socket.create_server(found[4][:2], family=found[0])
+        resolved = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0]
+        server = socket.create_server(resolved[4][:2], family=resolved[0])
     except OSError as error:
         raise LinkError(
             f"cannot {what}{bracketed(host)}:{port}: {error.strerror}: name an address of this "

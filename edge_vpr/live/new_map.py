@@ -29,7 +29,7 @@ class NewMap(NamedTuple):
 def make_map(
     drive: Path,
     target: Path,
-    known: ReferenceMap | None,
+    prior: ReferenceMap | None,
     settings: Settings,
     readings: Mapping[int, int],
     say: Callable[..., None],
@@ -42,7 +42,7 @@ def make_map(
     ----------
     drive : Path
         The recording.
-    known : ReferenceMap or None
+    prior : ReferenceMap or None
         Learns the drive, if `settings` has its windows, pixels and codes; else the map is new.
     readings : mapping of int to int
         Of the odometer: millimetres by time in microseconds.
@@ -56,12 +56,12 @@ def make_map(
             np.array(list(readings.values()), dtype=np.int64),
         )
     try:
-        if known is not None and (
-            settings.at_places_of(known.settings).of_map == known.settings.of_map
+        if prior is not None and (
+            settings.at_places_of(prior.settings).of_map == prior.settings.of_map
         ):
             # aligned by whole drives, whatever the settings that it was matched with
-            known = known.matched_with(settings)
-            update = known.update(drive, odometry=odometry, removed=removed)
+            prior = prior.matched_with(settings)
+            update = prior.update(drive, odometry=odometry, removed=removed)
             made = update.reference
         else:
             made = ReferenceMap.build(drive, settings, odometry=odometry, removed=removed)

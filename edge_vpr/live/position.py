@@ -155,15 +155,15 @@ class Locator:
         self._beyond = reference.settings.window_parts / 2
         if along is None:
             return
-        known = np.flatnonzero(np.isfinite(along))
+        placed = np.flatnonzero(np.isfinite(along))
         self._along = along.tolist()
-        self._filled = np.interp(np.arange(len(along)), known, along[known]).tolist()
-        self._first, self._last = int(known[0]), int(known[-1])
+        self._filled = np.interp(np.arange(len(along)), placed, along[placed]).tolist()
+        self._first, self._last = int(placed[0]), int(placed[-1])
         self.route_m = length_m(along, reference.settings.window_parts)
         if route is not None:
             columns = route.position.T.copy()
             if self._wraps:  # so that no step between two places goes round the earth
-                columns[1, known] = np.unwrap(columns[1, known], period=360)
+                columns[1, placed] = np.unwrap(columns[1, placed], period=360)
             self._columns = dict(zip(self.names, columns.tolist(), strict=True))
             self._heading = headings(along, columns, geographic=self._wraps)
 
@@ -186,18 +186,18 @@ class Locator:
         lowest, highest = -self._beyond, last + self._beyond
         at = min(max(at, lowest), highest)
         along_m = _between(self._along, at)
-        found = {name: _between(column, at) for name, column in self._columns.items()}
-        if self._wraps and (longitude := found["longitude"]) is not None:
-            found["longitude"] = (longitude + 180) % 360 - 180
-        found["heading_deg"] = found["along_from_m"] = found["along_to_m"] = None
+        position = {name: _between(column, at) for name, column in self._columns.items()}
+        if self._wraps and (longitude := position["longitude"]) is not None:
+            position["longitude"] = (longitude + 180) % 360 - 180
+        position["heading_deg"] = position["along_from_m"] = position["along_to_m"] = None
         if self._heading is not None and along_m is not None:
-            found["heading_deg"] = self._heading[min(max(round(at), 0), last)]
-        found["along_m"], found["route_m"] = along_m, self.route_m
+            position["heading_deg"] = self._heading[min(max(round(at), 0), last)]
+        position["along_m"], position["route_m"] = along_m, self.route_m
         from_at, to_at = max(at - self._within, lowest), min(at + self._within, highest)
         if from_at <= self._last + self._beyond and to_at >= self._first - self._beyond:
-            found["along_from_m"] = _between(self._filled, from_at)
-            found["along_to_m"] = _between(self._filled, to_at)
-        return found
+            position["along_from_m"] = _between(self._filled, from_at)
+            position["along_to_m"] = _between(self._filled, to_at)
+        return position
 
 
 def _between(values: list[float], at: float) -> float | None:
@@ -213,10 +213,10 @@ def _between(values: list[float], at: float) -> float | None:
     before = min(max(math.floor(at), 0), len(values) - 2)
     share = at - before
     if share in (0, 1):
-        found = values[before + int(share)]
+        value = values[before + int(share)]
     else:
-        found = values[before] + share * (values[before + 1] - values[before])
-    return None if math.isnan(found) else found
+        value = values[before] + share * (values[before + 1] - values[before])
+    return None if math.isnan(value) else value
 
 
 def headings(
@@ -242,18 +242,18 @@ def headings(
     """
     if len(columns) == 1:
         return None
-    known = np.isfinite(along_m)
-    along, first = np.unique(along_m[known], return_index=True)
+    placed = np.isfinite(along_m)
+    along, first = np.unique(along_m[placed], return_index=True)
     east, north = columns[:2]
     if geographic:
         latitude = columns[0]
         north, east = latitude, columns[1] * np.cos(np.radians(latitude))
     reach = max(1.0, float(np.median(np.diff(along)))) if along.size > 1 else 1.0
     ways = [
-        np.interp(along_m + reach, along, axis[known][first])
-        - np.interp(along_m - reach, along, axis[known][first])
+        np.interp(along_m + reach, along, axis[placed][first])
+        - np.interp(along_m - reach, along, axis[placed][first])
         for axis in (east, north)
     ]
     degrees = np.degrees(np.arctan2(ways[0], ways[1])) % 360
-    stands = ~known | (np.hypot(*ways) == 0)
+    stands = ~placed | (np.hypot(*ways) == 0)
     return [None if no else each for no, each in zip(stands, degrees.tolist(), strict=True)]

@@ -30,8 +30,8 @@ def check_recorded(path: Path, argument: str) -> None:
     try:
         writable_format(path)
     except UsageError as error:
-        known = ", ".join(WRITTEN)
-        raise UsageError(f"{argument} {path}: expected .bin for bytes, or {known}") from error
+        suffixes = ", ".join(WRITTEN)
+        raise UsageError(f"{argument} {path}: expected .bin for bytes, or {suffixes}") from error
 
 
 def ends_early(path: str, error: OSError) -> str:

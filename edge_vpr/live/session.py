@@ -179,13 +179,13 @@ class LiveSession:
         expect(protocol, str, "protocol", "its name, such as 'edvs'")
         _check_odometry(odometry)
         map_file = Path(reference) if isinstance(reference, str | Path) else None
-        known = loaded = _loaded(reference)
-        if known is None and changes:
+        route_map = loaded = _loaded(reference)
+        if route_map is None and changes:
             raise UsageError(f"{', '.join(changes)}: nothing is matched without reference=")
-        if known is not None and changes:
-            known = known.changed(changes, "LiveSession")
-        self.reference = None if known is None else known.causal()
-        self.sensor = _sensor_of(sensor, known)
+        if route_map is not None and changes:
+            route_map = route_map.changed(changes, "LiveSession")
+        self.reference = None if route_map is None else route_map.causal()
+        self.sensor = _sensor_of(sensor, route_map)
         self._protocol = protocol
         self.decoder = open_decoder(protocol, self.sensor)
         if not isinstance(every, MatchSchedule | None):
@@ -209,7 +209,7 @@ class LiveSession:
         self.stopping = threading.Event()
         self.ended = False
         self._warm = self._opened = self._closed = self._raised = False
-        self._given = self._jumps = self._heard_us = 0
+        self._next_query = self._jumps = self._heard_us = 0
         # readings of the odometer that wait, and when each came
         self._shown: deque[tuple[float, int]] = deque(maxlen=_MOST_SHOWN)
         self._newest: Match | None = None
@@ -353,30 +353,30 @@ class LiveSession:
             If the link has failed, once its last matches were returned.
         """
         self.open()
-        found: list[Match] = []
+        matches: list[Match] = []
         for _ in range(_MOST_PIECES):
             if self.ended:
-                if not found:
+                if not matches:
                     self._raise_once()
                 break
             step = self._take(0.0)
             self._look(step)
-            found += step.matches
+            matches += step.matches
             if step.result is None:
                 break
         now = time.monotonic()
-        if not found and now - self._beat_s >= self._heartbeat_s:
+        if not matches and now - self._beat_s >= self._heartbeat_s:
             self._beat_s = now
-            found.append(self._heartbeat())
-        return found
+            matches.append(self._heartbeat())
+        return matches
 
     def latest(self) -> Match | None:
         """Return the newest match that came since the last call, without waiting; None if none.
 
         For a loop that takes longer than the matches to come: see `poll`.
         """
-        found = self.poll()
-        return found[-1] if found else None
+        matches = self.poll()
+        return matches[-1] if matches else None
 
     def steps(self) -> Iterator[LiveStep]:
         """Yield a step for each piece of bytes and for each time-out, for views.
@@ -447,37 +447,37 @@ class LiveSession:
         self.files.take_events(result.events)
         self._lag.look(result.events, self.decoder.reached_us, time.monotonic())
         self._misfits.look(result.rows["misfit"])
-        found = self._matches(result, self._heard_us) or self._outdated(time.monotonic())
-        return LiveStep(result, chunk.at_s, self._new_readings(), found)
+        matches = self._matches(result, self._heard_us) or self._outdated(time.monotonic())
+        return LiveStep(result, chunk.at_s, self._new_readings(), matches)
 
     def _oldest_s(self, match: Match) -> float:
         """Return the age beyond which a match is rejected: by default two windows."""
         return self._max_age_s or 2 * (match.time_us - match.start_us) / 1e6
 
     def _heartbeat(self) -> Match:
-        return heartbeat(self._given, self._jumps, int(1e6 * time.time()))
+        return heartbeat(self._next_query, self._jumps, int(1e6 * time.time()))
 
     def _matches(self, result: LiveResult, host_us: int) -> tuple[Match, ...]:
         """Return the matches of a piece of bytes that came at `host_us`."""
         if not result.matches:
             return ()
         self._beat_s = time.monotonic()
-        found = []
+        matches = []
         for match in result.matches:
             age_s = self._lag.age_s(match.time_us, self._beat_s)
             oldest_s = self._newest_max_age_s = self._oldest_s(match)
             then_us = host_us
             if not math.isnan(age_s):
                 then_us = int(1e6 * (time.time() - age_s))
-            found.append(match.at_age(age_s, oldest_s, query=self._given, host_us=then_us))
-            self._given, self._jumps = self._given + 1, match.jumps
+            matches.append(match.at_age(age_s, oldest_s, query=self._next_query, host_us=then_us))
+            self._next_query, self._jumps = self._next_query + 1, match.jumps
             if self._odometry is not None and match.along_m is not None:
                 driven_m = self._matcher.odometer_check.distance_mm / 1e3
                 self._ratio.match(match.time_us, driven_m, match.along_m, match.jumps)
-        self._newest = found[-1]
+        self._newest = matches[-1]
         health = self.decoder.health
         health.odometer_m, health.route_m = self._ratio.driven_m, self._ratio.route_m
-        return tuple(found)
+        return tuple(matches)
 
     def _outdated(self, now_s: float) -> tuple[Match, ...]:
         """Return the newest match once more, as lost, if none came until it was too old."""

@@ -212,25 +212,25 @@ class StreamMatcher:
         localiser, bursts, reached = self.localiser, self._bursts, self.decoder.reached_us
         if localiser is None:
             return LiveResult(events, NO_MATCHES, reached)
-        found: MatchRows = []
+        row_arrays: MatchRows = []
         # the burst filter may hold events back for long: matches follow the time matched so far
         oldest_us = self._time - self._horizon_us
-        pieces, known = [events[matched:]], reached
+        pieces, complete_us = [events[matched:]], reached
         if bursts is not None:
             pieces = bursts.pieces(pieces[0])
             pieces.append(bursts.finish() if last else bursts.advance(reached))
-            known = min(reached, bursts.known_us)
+            complete_us = min(reached, bursts.complete_us)
         for piece in pieces:
-            self._update(localiser, piece, found)
-        if known > self._time:
+            self._update(localiser, piece, row_arrays)
+        if complete_us > self._time:
             # held events are later than this; the device may have reported that nothing happened
-            self._catch_up(localiser, known, found)
-            if localiser.every.interval_us and localiser.next_match_us <= known:
+            self._catch_up(localiser, complete_us, row_arrays)
+            if localiser.every.interval_us and localiser.next_match_us <= complete_us:
                 # without a tick, the windows age with the next event
-                found.append(localiser.advance(known))
-            self._time = known
+                row_arrays.append(localiser.advance(complete_us))
+            self._time = complete_us
         self._losses.note(reached, oldest_us)
-        rows = join_matches(found)
+        rows = join_matches(row_arrays)
         return LiveResult(events, rows, reached, tuple(map(self._located, rows.tolist())))
 
     def _located(self, row: tuple[Any, ...]) -> Match:
@@ -242,19 +242,19 @@ class StreamMatcher:
         where: dict[str, Any] = self._locator.locate(at)
         return match._replace(missing=missing, jumps=self._position.jumps, **where)
 
-    def _update(self, localiser: Localiser, events: Events, found: MatchRows) -> None:
+    def _update(self, localiser: Localiser, events: Events, row_arrays: MatchRows) -> None:
         """Match events in parts that each span less than `MOST_TICKS`."""
         while events.size:
             taken, last = events.size, int(events.t[-1])
             if last - self._time > self._most_us:
-                self._catch_up(localiser, int(events.t[0]), found)
+                self._catch_up(localiser, int(events.t[0]), row_arrays)
                 taken = int(np.searchsorted(events.t, self._time + self._most_us, "right"))
                 last = int(events.t[taken - 1])
-            found.append(localiser.update(events if taken == events.size else events[:taken]))
+            row_arrays.append(localiser.update(events if taken == events.size else events[:taken]))
             self._time = last
             events = events[taken:]
 
-    def _catch_up(self, localiser: Localiser, time_us: int, found: MatchRows) -> None:
+    def _catch_up(self, localiser: Localiser, time_us: int, row_arrays: MatchRows) -> None:
         """Advance the time until `time_us` is less than `MOST_TICKS` ahead.
 
         Each tick gives a match. In a jump, however, only the last tick does, so that no clock and
@@ -266,4 +266,4 @@ class StreamMatcher:
             self._time = time_us
         while time_us - self._time > self._most_us:
             self._time += self._most_us
-            found.append(localiser.advance(self._time))
+            row_arrays.append(localiser.advance(self._time))

@@ -112,10 +112,11 @@ def filter_drive(
     if odometry is not None:
         place_filter.transitions.check_odometry()
         spacing_mm = place_filter.transitions.spacing_mm
-        counted, every, known = odometry.of_windows(queries.end_us, spacing_mm)
+        counted, every, measured = odometry.of_windows(queries.end_us, spacing_mm)
         driven = every.tolist()
         travelled = [
-            mm if is_known else None for mm, is_known in zip(counted.tolist(), known, strict=True)
+            mm if is_measured else None
+            for mm, is_measured in zip(counted.tolist(), measured, strict=True)
         ]
     unseen = [0] * n if queries.unseen is None else queries.unseen.tolist()
     drive = _Drive(place_filter, index, queries, travelled, driven, unseen)

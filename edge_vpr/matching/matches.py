@@ -180,15 +180,15 @@ class Matches(EqualByValue):
             Nearest places; by default the best alone.
         """
         n, length = len(rows), settings.windows_per_match
-        known = rows["second"] >= 0
-        second = np.where(known, rows["second_distance"], 0.0)
+        has_second = rows["second"] >= 0
+        second = np.where(has_second, rows["second_distance"], 0.0)
         return cls(
             settings=settings,
             places_in_map=places_in_map,
             query=np.arange(n, dtype=np.int64),
             time_us=rows["start_us"] + (rows["time_us"] - rows["start_us"]) // 2,
             distance_sum=np.rint(rows["distance"] * length).astype(np.int64),
-            second_sum=np.where(known, np.rint(second * length), -1).astype(np.int64),
+            second_sum=np.where(has_second, np.rint(second * length), -1).astype(np.int64),
             candidates=rows["place"][:, None] if candidates is None else candidates,
             **{name: rows[name].copy() for name in _SHARED},
         )

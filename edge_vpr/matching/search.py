@@ -97,9 +97,9 @@ def best_matches(
             "least one of them"
         )
     rows = np.ascontiguousarray(matrix.T)
-    found = np.empty((len(rows), 3), dtype=np.int64)
-    _search_rows(rows, exclusion, found)
-    best, second, ties = found.T
+    searched = np.empty((len(rows), 3), dtype=np.int64)
+    _search_rows(rows, exclusion, searched)
+    best, second, ties = searched.T
     return best, second, ties
 
 

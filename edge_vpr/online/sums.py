@@ -261,11 +261,11 @@ else:
 
     @kernel(inline="always")
     def _count(sums, start, stop, value):
-        found = 0
+        total = 0
         for i in range(start, stop, LANES):
             # reading past `stop` is harmless: the array ends with padding
-            found += _vector_count(sums, i, min(LANES, stop - i), value)
-        return found
+            total += _vector_count(sums, i, min(LANES, stop - i), value)
+        return total
 
 
 @kernel(inline="always")

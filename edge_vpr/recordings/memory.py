@@ -106,7 +106,7 @@ class MemorySource(Source):
 
     Parameters
     ----------
-    given : EventData, or a sample or a data set of tonic
+    recording : EventData, or a sample or a data set of tonic
         Of a sample, a pair of events and target, the events are taken, of a data set its only item.
     options : ReadOptions
     """

@@ -618,7 +618,7 @@ class Recording:
 
     def _whole(self, log: FaultLog, chunks: Iterator[Events]) -> Iterator[Events]:
         yield from chunks
-        self.end_us = self._known_end(log)
+        self.end_us = self._part_end(log)
 
     def _cropped(self, log: FaultLog, chunks: Iterator[Events]) -> Iterator[Events]:
         start, end = self._span
@@ -632,9 +632,9 @@ class Recording:
                 f"{self.path} holds no events from {start / 1e6:g} s to {until}: give another "
                 "start= and end= (edge-vpr info shows its times)"
             )
-        self.end_us = self._known_end(log)
+        self.end_us = self._part_end(log)
 
-    def _known_end(self, log: FaultLog) -> int | None:
+    def _part_end(self, log: FaultLog) -> int | None:
         """Return where the part that was read ends, if more than its last event says that."""
         start, end = self._span
         of_file, last_us = self._source.end_us, log.last_us

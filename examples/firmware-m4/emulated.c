@@ -27,7 +27,7 @@ static void write_number(uint32_t number)
     semihost(WRITE, first);
 }
 
-static void write_found(uint32_t number, uint32_t last)
+static void write_matches(uint32_t number, uint32_t last)
 {
     write_number(number);
     semihost(WRITE, " matches, the last one at place ");
@@ -49,13 +49,13 @@ int main(void)
             number++;
         }
     }
-    write_found(matches, place);
+    write_matches(matches, place);
     if ((matches == number) && (place == last)) {
         semihost(WRITE, ", as in the vectors\n");
         semihost(EXIT, WITHOUT_ERROR);
     }
     semihost(WRITE, "; the vectors have ");
-    write_found(number, last);
+    write_matches(number, last);
     semihost(WRITE, "\n");
     semihost(EXIT, WITH_ERROR);
     return 0;

@@ -368,11 +368,11 @@ static void evidence(const vpr_design_t *d, vpr_state_t *s, const seen_t *seen, 
 /* Whether some gain looks at a sum. */
 static bool looked_at(const vpr_design_t *d, const seen_t *seen, uint32_t sum)
 {
-    bool found = false;
+    bool looked = false;
     for (uint32_t h = 0U; h < d->gains; h++) {
-        found = found || (seen->sum[h] == sum);
+        looked = looked || (seen->sum[h] == sum);
     }
-    return found;
+    return looked;
 }
 
 /* 4. The best place, and the middle of the places near it. */

@@ -130,9 +130,9 @@ static void end_window(const vpr_design_t *d, vpr_state_t *s)
         }
     }
     memset(&got, 0xA5, sizeof got);
-    const bool found = vpr_match_places(d, s, &got);
+    const bool matched = vpr_match_places(d, s, &got);
     done.windows++;
-    if (!found) {
+    if (!matched) {
         return;
     }
     done.matches++;

@@ -22,7 +22,7 @@ static uint32_t quotient(uint32_t dividend, uint32_t divisor)
     uint32_t shifted = divisor;
     uint32_t bit = 1U;
     uint32_t rest = dividend;
-    uint32_t found = 0U;
+    uint32_t result = 0U;
     while (shifted <= (rest >> 1)) {
         shifted <<= 1;
         bit <<= 1;
@@ -30,12 +30,12 @@ static uint32_t quotient(uint32_t dividend, uint32_t divisor)
     while (bit != 0U) {
         if (rest >= shifted) {
             rest -= shifted;
-            found += bit;
+            result += bit;
         }
         shifted >>= 1;
         bit >>= 1;
     }
-    return found;
+    return result;
 }
 
 #endif

@@ -517,16 +517,16 @@ static uint32_t event_log(uint32_t events)
         4380002U, 4573921U, 4776426U, 4987897U, 5208730U, 5439340U, 5680160U, 5931642U, 6194258U,
         6468502U, 6754887U, 7053951U, 7366256U, 7692388U, 8032959U, 8388608U, VPR_NONE};
     uint32_t number = events + 1U;
-    uint32_t found = OCTAVE * OCTAVES_LOW;
+    uint32_t sixteenths = OCTAVE * OCTAVES_LOW;
     uint32_t above = 0U;
     while (number < OCTAVE_LOW) {
         number <<= 1;
-        found -= OCTAVE;
+        sixteenths -= OCTAVE;
     }
     while (number >= sixteenth[above]) {
         above++;
     }
-    return found + above;
+    return sixteenths + above;
 }
 
 /* The events of the open window that count: of contrast codes, no pixel gives more than its limit. */
@@ -639,7 +639,7 @@ static bool accepted(const vpr_design_t *d, const vpr_match_t *m)
 
 static bool match_sequences(const vpr_design_t *d, vpr_state_t *s, vpr_match_t *m)
 {
-    search_t found = {VPR_NONE, VPR_NONE, 0U, 0U};
+    search_t best = {VPR_NONE, VPR_NONE, 0U, 0U};
     const uint8_t *codes = d->places;
     const bool complete = s->seen == d->length;
 
@@ -648,7 +648,7 @@ static bool match_sequences(const vpr_design_t *d, vpr_state_t *s, vpr_match_t *
         const uint32_t distance = sad(s->query, codes, d->stride);
         s->history[(s->newest * d->place_count) + place] = (uint16_t)distance;
         if (complete && ((place + 1U) >= d->length)) {
-            search(d, s->delay, &found, m, place, sequence_sum(d, s, place));
+            search(d, s->delay, &best, m, place, sequence_sum(d, s, place));
         }
         codes = &codes[d->stride];
     }
@@ -658,15 +658,15 @@ static bool match_sequences(const vpr_design_t *d, vpr_state_t *s, vpr_match_t *
 
 bool vpr_match_places(const vpr_design_t *d, vpr_state_t *s, vpr_match_t *m)
 {
-    bool found = true;
+    bool matched = true;
     if (d->steps != 0U) {
         filter_places(d, s, m);
     } else {
-        found = match_sequences(d, s, m);
+        matched = match_sequences(d, s, m);
     }
-    if (found) {
+    if (matched) {
         m->window = s->windows - 1U;
         m->accepted = accepted(d, m);
     }
-    return found;
+    return matched;
 }

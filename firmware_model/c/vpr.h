@@ -10,7 +10,7 @@
  *     while (next != end) {                     events as they arrived, one or many
  *         if (vpr_events(&design, &state, &next, end) == VPR_WINDOW_ENDS) {
  *             vpr_window_end(&design, &state);
- *             found = vpr_match_places(&design, &state, &match);
+ *             matched = vpr_match_places(&design, &state, &match);
  *         }
  *     }
  *
@@ -18,7 +18,7 @@
  *
  *     for (uint32_t due = vpr_time(&design, &state, now); due > 0U; due--) {
  *         vpr_window_end(&design, &state);
- *         found = vpr_match_places(&design, &state, &match);
+ *         matched = vpr_match_places(&design, &state, &match);
  *     }
  */
 #ifndef VPR_H

@@ -82,7 +82,9 @@ class FirmwareRun:
         emulator.release()
         flash = image(memories)
         self.image = emulator.put(flash)
-        self.design, self.state, self.found = (emulator.put(bytes(_STRUCT_BYTES)) for _ in range(3))
+        self.design, self.state, self.result = (
+            emulator.put(bytes(_STRUCT_BYTES)) for _ in range(3)
+        )
         self.ram = emulator.put(bytes(ram_bytes(memories.design)))
         if not emulator.call("vpr_open", self.design, self.image, len(flash)) & 1:
             raise AssertionError("the firmware refuses its own design")
@@ -125,7 +127,7 @@ class FirmwareRun:
         All windows have an event at a selected pixel, so that none pauses.
         """
         end = "vpr_window_end", self.design, self.state
-        match = "vpr_match_places", self.design, self.state, self.found
+        match = "vpr_match_places", self.design, self.state, self.result
         for _ in range(length - 1):
             self.see()
             self.emulator.call(*end)

@@ -102,7 +102,7 @@ def _run(
     _write(line, struct.pack("<5I", MAGIC, *number, len(image), len(events) // 8), name)
     longest = _longest(entry)
     left = data = image + events
-    found: list[Record] = []
+    records: list[Record] = []
     # a device may return too many, but not without end
     most = 2 * (1 + entry.events + entry.windows + entry.matches) + 16
     while True:
@@ -114,12 +114,12 @@ def _run(
                 "reset it, and check --baud"
             )
         values = struct.unpack(f"<{count}I", _read(line, 4 * count, name))
-        if (kind == 0) == bool(found) or (not found and values != (entry.number,)):
+        if (kind == 0) == bool(records) or (not records and values != (entry.number,)):
             raise BoardError(
                 f"{name}: the board does not begin with the number of the case, {entry.number}, "
                 f"or begins twice (kind {kind}, {values[0]}): reset it, and check the line"
             )
-        if len(found) > most or (kind == READY and values[0] > len(left)):
+        if len(records) > most or (kind == READY and values[0] > len(left)):
             raise BoardError(
                 f"{name}: the board sends more records or asks for more bytes than the case has: "
                 "reset it, and check the line"
@@ -133,14 +133,14 @@ def _run(
                 "firmware is of another version than the vectors"
             )
         if kind == READY and values == (0,):
-            returned.records += found
+            returned.records += records
             return
         if kind == READY:
             yield 1 - len(left) / len(data)
             _write(line, left[: values[0]], name)
             left = left[values[0] :]
         else:
-            found.append((KINDS[kind], values))
+            records.append((KINDS[kind], values))
 
 
 def _longest(entry: CaseEntry) -> tuple[int, ...]:

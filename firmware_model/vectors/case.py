@@ -99,10 +99,10 @@ def records(results: Iterable[Result]) -> Iterator[Record]:
             yield "match", tuple(_or_none(value) for value in shown)
 
 
-def to_binary(found: Iterable[Record]) -> bytes:
+def to_binary(records: Iterable[Record]) -> bytes:
     """Write records as 32-bit little-endian words: kind, number of values, values."""
     parts = []
-    for kind, values in found:
+    for kind, values in records:
         parts.append(struct.pack(f"<{len(values) + 2}I", KINDS.index(kind), len(values), *values))
     return b"".join(parts)
 

@@ -80,33 +80,33 @@ def watched_trace(case: Case) -> tuple[Trace, dict[str, int]]:
     done = Trace()
     machine, lookup = Machine(case.memories, case.start), case.memories.lookup()
     corners = CORNERS | FILTER_CORNERS if case.design.pauses else CORNERS
-    found: Counter[str] = Counter(dict.fromkeys(corners, 0))
-    facts = Facts(machine, found)
+    tally: Counter[str] = Counter(dict.fromkeys(corners, 0))
+    facts = Facts(machine, tally)
     before: list[int | None] = [None, None]
     rows: list[list[int]] = []
     for event in case.events:
-        _see_event(machine, lookup, event, before, found)
+        _see_event(machine, lookup, event, before, tally)
         ended = 0
         for result in machine.take(event):
             done.add(result)
             if isinstance(result, WindowResult):
                 ended += 1
-                _see_window(machine, result, found)
+                _see_window(machine, result, tally)
                 distances = machine.distances(result.codes)
                 rows = [distances, *rows[: case.design.length - 1]]
-                _see_distances(case.design, distances, found)
+                _see_distances(case.design, distances, tally)
                 facts.see_window()
             elif isinstance(result, MatchResult) and case.design.filters:
                 facts.see_match(result)
             elif isinstance(result, MatchResult):
-                _see_match(case.design, result, rows, found)
-        found["gap"] += ended >= 3
+                _see_match(case.design, result, rows, tally)
+        tally["gap"] += ended >= 3
     done.states = machine.states
-    return done, dict(found)
+    return done, dict(tally)
 
 
 def _see_event(
-    machine: Machine, lookup: Lookup, event: Event, before: list[int | None], found: Counter[str]
+    machine: Machine, lookup: Lookup, event: Event, before: list[int | None], tally: Counter[str]
 ) -> None:
     design, slot = machine.design, machine.slot(event)
     _, x, y, on = event
@@ -115,81 +115,81 @@ def _see_event(
         tau = design.tau_us
         elapsed = tau - machine.left(event.t)
         ends = elapsed >= tau
-        found["on_the_boundary"] += elapsed > 0 and elapsed % tau == 0
-        found["before_the_boundary"] += elapsed > 0 and elapsed % tau == tau - 1
-        found["late"] += elapsed < 0
-        found["half_a_period_late"] += elapsed - tau == 1 << (design.timestamp_bits - 1)
+        tally["on_the_boundary"] += elapsed > 0 and elapsed % tau == 0
+        tally["before_the_boundary"] += elapsed > 0 and elapsed % tau == tau - 1
+        tally["late"] += elapsed < 0
+        tally["half_a_period_late"] += elapsed - tau == 1 << (design.timestamp_bits - 1)
     if y == design.height:
-        found["below_the_sensor"] += 1
+        tally["below_the_sensor"] += 1
     if x in (0, design.width - 1) and y in (0, design.height - 1):
-        found["sensor_corner"] += 1
+        tally["sensor_corner"] += 1
     if x >= design.width or y >= design.height:
-        found["off_the_sensor"] += 1
-        found["ended_off_the_sensor"] += ends
+        tally["off_the_sensor"] += 1
+        tally["ended_off_the_sensor"] += ends
     elif slot is None:
-        found["unselected"] += 1
-        found["entry_of_another_row"] += lookup.taken(x, y)
+        tally["unselected"] += 1
+        tally["entry_of_another_row"] += lookup.taken(x, y)
     else:
         # the end of a window clears the counter before the event is counted
         count, full = 0 if ends else machine.counts[slot], design.count_max
         if count >= full - 1:
-            found["saturated" if count == full else "filled"] += 1
+            tally["saturated" if count == full else "filled"] += 1
         if x > 511:
-            found["column_above_511"] += 1
+            tally["column_above_511"] += 1
         if design.contrast and count >= 255:
-            found["count_above_255"] += 1
+            tally["count_above_255"] += 1
         if before[-1] == slot:
-            found["same_pixel_twice"] += 1
+            tally["same_pixel_twice"] += 1
         elif before[-2] == slot:
-            found["a_b_a"] += 1
-        found["on" if on else "off"] += 1
+            tally["a_b_a"] += 1
+        tally["on" if on else "off"] += 1
     before[:] = [before[-1], slot]
 
 
-def _see_window(machine: Machine, window: WindowResult, found: Counter[str]) -> None:
+def _see_window(machine: Machine, window: WindowResult, tally: Counter[str]) -> None:
     design, counts = machine.design, machine.counts
-    found["empty_window"] += not any(counts)
-    found["full_window"] += machine.counted == design.window_events and design.window == "count"
-    found["all_equal_counts"] += counts[0] > 0 and len(set(counts)) == 1 and len(counts) > 1
+    tally["empty_window"] += not any(counts)
+    tally["full_window"] += machine.counted == design.window_events and design.window == "count"
+    tally["all_equal_counts"] += counts[0] > 0 and len(set(counts)) == 1 and len(counts) > 1
     if design.window == "time":
-        found["narrow_clock"] += 9 * design.tau_us > 1 << design.timestamp_bits
-        found["clock_wrapped"] += machine.end < design.tau_us
-    found["window_above_255"] += window.number > 255
-    found["incomplete_sequence"] += window.number + 1 < design.length
-    found["lanes_unfilled"] += design.slots % design.lanes > 0
+        tally["narrow_clock"] += 9 * design.tau_us > 1 << design.timestamp_bits
+        tally["clock_wrapped"] += machine.end < design.tau_us
+    tally["window_above_255"] += window.number > 255
+    tally["incomplete_sequence"] += window.number + 1 < design.length
+    tally["lanes_unfilled"] += design.slots % design.lanes > 0
 
 
-def _see_distances(design: Design, distances: list[int], found: Counter[str]) -> None:
-    found["zero_distance"] += 0 in distances
-    found["largest_distance"] += design.slots * design.code_max in distances
-    found["diagonal_off_the_map"] += min(distances) < min(distances[design.length - 1 :])
+def _see_distances(design: Design, distances: list[int], tally: Counter[str]) -> None:
+    tally["zero_distance"] += 0 in distances
+    tally["largest_distance"] += design.slots * design.code_max in distances
+    tally["diagonal_off_the_map"] += min(distances) < min(distances[design.length - 1 :])
 
 
 def _see_match(
-    design: Design, match: MatchResult, rows: list[list[int]], found: Counter[str]
+    design: Design, match: MatchResult, rows: list[list[int]], tally: Counter[str]
 ) -> None:
     """Count a match's corners; `rows` are the distances of the last L windows, newest first."""
     ends = range(design.length - 1, design.places)
     sums = [(k, sum(row[k - ago] for ago, row in enumerate(rows))) for k in ends]
-    found["tie_of_two"] += match.ties == 1
-    found["tie_of_three"] += match.ties >= 2
-    found["long_sequence"] += design.length > 8
-    found["one_place"] += design.places == 1
-    found["accepted"] += match.accepted
-    found["rejected"] += not match.accepted
-    found["accepted_at_threshold"] += match.sum == design.largest_sum
-    found["rejected_at_threshold"] += match.sum == design.largest_sum + 1
+    tally["tie_of_two"] += match.ties == 1
+    tally["tie_of_three"] += match.ties >= 2
+    tally["long_sequence"] += design.length > 8
+    tally["one_place"] += design.places == 1
+    tally["accepted"] += match.accepted
+    tally["rejected"] += not match.accepted
+    tally["accepted_at_threshold"] += match.sum == design.largest_sum
+    tally["rejected_at_threshold"] += match.sum == design.largest_sum + 1
     if match.second is None or match.second_sum is None:
-        found["no_second"] += 1
+        tally["no_second"] += 1
         return
-    found["place_0_on_the_left"] += match.second == 0 < match.place
-    found["tie_across_zone"] += match.second_sum == match.sum
+    tally["place_0_on_the_left"] += match.second == 0 < match.place
+    tally["tie_across_zone"] += match.second_sum == match.sum
     outside = [(k, s) for k, s in sums if abs(k - match.place) > design.exclusion]
     seconds = [k for k, s in outside if s == match.second_sum]
     inside = [s for k, s in sums if 0 < abs(k - match.place) <= design.exclusion]
-    found["tie_of_seconds"] += len(seconds) > 1
-    found["tie_of_seconds_on_the_left"] += sum(k < match.place for k in seconds) > 1
-    found["tie_of_seconds_on_both_sides"] += min(seconds) < match.place < max(seconds)
-    found["nearer_in_the_zone"] += min(inside, default=match.second_sum) < match.second_sum
+    tally["tie_of_seconds"] += len(seconds) > 1
+    tally["tie_of_seconds_on_the_left"] += sum(k < match.place for k in seconds) > 1
+    tally["tie_of_seconds_on_both_sides"] += min(seconds) < match.place < max(seconds)
+    tally["nearer_in_the_zone"] += min(inside, default=match.second_sum) < match.second_sum
     left = match.second < match.place
-    found["second_on_the_left" if left else "second_on_the_right"] += 1
+    tally["second_on_the_left" if left else "second_on_the_right"] += 1

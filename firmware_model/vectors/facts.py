@@ -189,17 +189,17 @@ FILTER_CORNERS = FILTER | SEVERAL_GAINS | CONTRAST
 
 def facts_for(design: Design) -> set[str]:
     """Return the facts that vectors of a design show: of fewer than 8 pixels as many as can be."""
-    found = set(CONTRAST) | set(FILTER)
+    names = set(CONTRAST) | set(FILTER)
     if design.gains > 1:
-        found |= set(SEVERAL_GAINS)
-    return found
+        names |= set(SEVERAL_GAINS)
+    return names
 
 
 class Facts:
     """Counts facts from what a machine keeps before and after each window."""
 
-    def __init__(self, machine: Machine, found: Counter[str]) -> None:
-        self.machine, self.found = machine, found
+    def __init__(self, machine: Machine, tally: Counter[str]) -> None:
+        self.machine, self.tally = machine, tally
         self._kept: Kept = machine.kept
         self._residuals = (0, 0, 0)  # of the last matches, the newest first
         self._paused = False
@@ -208,73 +208,73 @@ class Facts:
 
     def see_window(self) -> None:
         """Count the facts of a window, before it is matched and its counters are cleared."""
-        machine, design, found = self.machine, self.machine.design, self.found
+        machine, design, tally = self.machine, self.machine.design, self.tally
         self._kept = machine.kept
         self._newest = [list(machine.counts), *machine.kept.newest]
         if not design.pauses:
             return
         counted = machine.that_count
-        found["events_above_16_bits"] += counted > 0xFFFF
-        found["window_above_1023"] += self._kept.windows > 1023
+        tally["events_above_16_bits"] += counted > 0xFFFF
+        tally["window_above_1023"] += self._kept.windows > 1023
         if design.contrast:
             self._see_means()
             for count, limit in zip(machine.counts, machine.memories.limits, strict=True):
-                found["limit_clips"] += count > limit > 0
-                found["limit_of_nothing"] += count > limit == 0
+                tally["limit_clips"] += count > limit > 0
+                tally["limit_of_nothing"] += count > limit == 0
 
     def see_match(self, match: MatchResult) -> None:
         """Count the facts of a match of the place filter."""
         advanced, before = self.machine.advanced, self._kept.filter
         assert advanced is not None
-        known = FilterMap.of(self.machine.memories)
+        filter_map = FilterMap.of(self.machine.memories)
         self._see_pause(advanced, before)
-        for name in _events_facts(known, before, advanced):
-            self.found[name] += 1
-        self._see_costs(known, before, advanced)
-        self._see_logarithm(known, before, advanced)
-        self._see_metrics(known, before, advanced)
-        self._see_best(known, match, before, advanced)
+        for name in _events_facts(filter_map, before, advanced):
+            self.tally[name] += 1
+        self._see_costs(filter_map, before, advanced)
+        self._see_logarithm(filter_map, before, advanced)
+        self._see_metrics(filter_map, before, advanced)
+        self._see_best(filter_map, match, before, advanced)
         self._see_trust(match, advanced, before)
-        if len(known.gains) > 1:
-            self._see_gains(known, before, advanced)
+        if len(filter_map.gains) > 1:
+            self._see_gains(filter_map, before, advanced)
         self._paused, self._told = advanced.seen.paused, match.place
 
     def _see_pause(self, advanced: Advanced, before: Filter) -> None:
-        found, state = self.found, self.machine.states[-1]
+        tally, state = self.tally, self.machine.states[-1]
         first, paused = before.place is None, advanced.seen.paused
         counted, mean = state.counted, state.mean_activity
-        found["first_window"] += first and not paused
-        found["first_window_pauses"] += first and paused
-        found["pause"] += paused and not first
-        found["pause_with_events"] += paused and counted > 0
+        tally["first_window"] += first and not paused
+        tally["first_window_pauses"] += first and paused
+        tally["pause"] += paused and not first
+        tally["pause_with_events"] += paused and counted > 0
         threshold = counted << (ACTIVITY_FRACTION_BITS + PAUSE_SHIFT)
-        found["pause_at_threshold"] += counted > 0 and mean == threshold + 1
-        found["busy_at_threshold"] += counted > 0 and mean == threshold
-        found["long_pause"] += paused and self._paused
-        found["decay_rounded"] += paused and mean % 1024 > 0
-        found["scale_over_pause"] += self._paused and not paused and any(before.reciprocals)
+        tally["pause_at_threshold"] += counted > 0 and mean == threshold + 1
+        tally["busy_at_threshold"] += counted > 0 and mean == threshold
+        tally["long_pause"] += paused and self._paused
+        tally["decay_rounded"] += paused and mean % 1024 > 0
+        tally["scale_over_pause"] += self._paused and not paused and any(before.reciprocals)
         bits = (mean >> ACTIVITY_FRACTION_BITS).bit_length()
         if not first and bits in LARGE_MEANS:
-            found[f"mean_of_{bits}_bits"] += 1
+            tally[f"mean_of_{bits}_bits"] += 1
 
-    def _see_costs(self, known: FilterMap, before: Filter, advanced: Advanced) -> None:
+    def _see_costs(self, filter_map: FilterMap, before: Filter, advanced: Advanced) -> None:
         """Count the rows of the costs of a window's steps, and the activities of places."""
-        found, seen = self.found, advanced.seen
-        found["least_place_activity"] += -128 in known.activity
-        found["largest_place_activity"] += 127 in known.activity
-        found["largest_bias"] += BIAS_TOP in known.bias
+        tally, seen = self.tally, advanced.seen
+        tally["least_place_activity"] += -128 in filter_map.activity
+        tally["largest_place_activity"] += 127 in filter_map.activity
+        tally["largest_bias"] += BIAS_TOP in filter_map.bias
         if before.place is None or seen.stands:
             return
-        half = "half_" if known.per_window == 2 else ""
-        for own in known.activity:
-            for gain in known.gains:
+        half = "half_" if filter_map.per_window == 2 else ""
+        for own in filter_map.activity:
+            for gain in filter_map.gains:
                 left = seen.activity - own - gain
                 beyond = ((left + 4) >> 3) + SAME_ROW
-                found[f"{half}costs_{row_of(left)}"] += 1
-                found["costs_below"] += beyond < 0
-                found["costs_above"] += beyond >= len(known.costs)
+                tally[f"{half}costs_{row_of(left)}"] += 1
+                tally["costs_below"] += beyond < 0
+                tally["costs_above"] += beyond >= len(filter_map.costs)
 
-    def _see_logarithm(self, known: FilterMap, before: Filter, advanced: Advanced) -> None:
+    def _see_logarithm(self, filter_map: FilterMap, before: Filter, advanced: Advanced) -> None:
         """Count means at the edges of logarithms, where these decide about a row."""
         seen, design = advanced.seen, self.machine.design
         mean = self.machine.memories.activity if design.gains > 1 else self._kept.mean_activity
@@ -288,142 +288,144 @@ class Facts:
         ):
             if is_edge:
                 activity = state.activity + other
-                found = advance(known, before, activity, state.paused, self.machine.compared)
-                self.found[name] += found.best != advanced.best
+                changed = advance(filter_map, before, activity, state.paused, self.machine.compared)
+                self.tally[name] += changed.best != advanced.best
 
-    def _see_metrics(self, known: FilterMap, before: Filter, advanced: Advanced) -> None:
-        found, seen, first = self.found, advanced.seen, before.place is None
+    def _see_metrics(self, filter_map: FilterMap, before: Filter, advanced: Advanced) -> None:
+        tally, seen, first = self.tally, advanced.seen, before.place is None
         changed = change_gain(before.metrics)
-        restarts = [min(row) + known.restart for row in changed]
+        restarts = [min(row) + filter_map.restart for row in changed]
         best, gain = advanced.best.place, advanced.best.gain
-        if not first and known.restart:
+        if not first and filter_map.restart:
             for row, restart in zip(advanced.predicted, restarts, strict=True):
-                found["restarted"] += restart in row
+                tally["restarted"] += restart in row
         if not first and seen.paused:
-            found["pause_restarted"] += advanced.predicted[gain][best] == restarts[gain]
-        found["second_saturated"] += advanced.best.found.second_sum == METRIC_TOP
+            tally["pause_restarted"] += advanced.predicted[gain][best] == restarts[gain]
+        tally["second_saturated"] += advanced.best.nearest.second_sum == METRIC_TOP
         if seen.paused:
             return
         one = 1 << RECIPROCAL_FRACTION_BITS
         for i in set(seen.looks):
             plain = self.machine.compared[i]
-            distances = [d + b for d, b in zip(plain, known.bias, strict=True)]
+            distances = [d + b for d, b in zip(plain, filter_map.bias, strict=True)]
             least, most, scale = min(distances), max(distances), advanced.evidence.scales[i]
-            found["spread_of_nothing"] += len(distances) > 1 and most == least
-            found["spread_of_one"] += scale == one and not first and most > least
-            found["evidence_saturated"] += ((most - least) * scale) >> 14 > EVIDENCE_TOP
-            found["distance_above_8_bits"] += least <= 255 < most
+            tally["spread_of_nothing"] += len(distances) > 1 and most == least
+            tally["spread_of_one"] += scale == one and not first and most > least
+            tally["evidence_saturated"] += ((most - least) * scale) >> 14 > EVIDENCE_TOP
+            tally["distance_above_8_bits"] += least <= 255 < most
             total = sum(distances)
             mean = total // len(distances)
-            found["total_above_16_bits"] += total > 0xFFFF
-            found["deviations_above_16_bits"] += sum(abs(d - mean) for d in distances) > 0xFFFF
-            found["bias_decides"] += distances.index(least) != plain.index(min(plain))
+            tally["total_above_16_bits"] += total > 0xFFFF
+            tally["deviations_above_16_bits"] += sum(abs(d - mean) for d in distances) > 0xFFFF
+            tally["bias_decides"] += distances.index(least) != plain.index(min(plain))
         for row, i in zip(advanced.predicted, seen.looks, strict=True):
             pairs = zip(row, advanced.evidence.against[i], strict=True)
-            found["metric_saturated"] += any(p + e > METRIC_TOP for p, e in pairs)
+            tally["metric_saturated"] += any(p + e > METRIC_TOP for p, e in pairs)
 
     def _see_best(
-        self, known: FilterMap, match: MatchResult, before: Filter, advanced: Advanced
+        self, filter_map: FilterMap, match: MatchResult, before: Filter, advanced: Advanced
     ) -> None:
-        found, design, best = self.found, self.machine.design, advanced.best.place
+        tally, design, best = self.tally, self.machine.design, advanced.best.place
         least = [min(column) for column in zip(*advanced.state.metrics, strict=True)]
         near, last = least[best] + 8, len(least) - 1
-        found["middle_below"] += match.place < best
-        found["middle_above"] += match.place > best
-        if known.reach:
+        tally["middle_below"] += match.place < best
+        tally["middle_above"] += match.place > best
+        if filter_map.reach:
             first, end = best, best
-            while first > max(best - known.reach, 0) and least[first - 1] <= near:
+            while first > max(best - filter_map.reach, 0) and least[first - 1] <= near:
                 first -= 1
-            while end < min(best + known.reach, last) and least[end + 1] <= near:
+            while end < min(best + filter_map.reach, last) and least[end + 1] <= near:
                 end += 1
             beside = [k for k in (first - 1, end + 1) if 0 <= k <= last]
-            found["middle_of_the_reach"] += any(least[k] <= near for k in beside)
-            found["near_beyond"] += any(least[k] == near + 1 for k in beside)
-            found["near_at_threshold"] += near in least[first : end + 1]
-            found["middle_at_the_first"] += first == 0 < best
-            found["middle_at_the_last"] += end == last > best
+            tally["middle_of_the_reach"] += any(least[k] <= near for k in beside)
+            tally["near_beyond"] += any(least[k] == near + 1 for k in beside)
+            tally["near_at_threshold"] += near in least[first : end + 1]
+            tally["middle_at_the_first"] += first == 0 < best
+            tally["middle_at_the_last"] += end == last > best
         else:
             beside = [k for k in (best - 1, best + 1) if 0 <= k <= last]
             # one on one side alone: the middle would be another
-            found["whole_place_told"] += sum(least[k] <= near for k in beside) == 1
-        found["filter_tie"] += match.ties > 0
-        found["ties_above_255"] += match.ties > 255
-        found["filter_no_second"] += match.second is None
+            tally["whole_place_told"] += sum(least[k] <= near for k in beside) == 1
+        tally["filter_tie"] += match.ties > 0
+        tally["ties_above_255"] += match.ties > 255
+        tally["filter_no_second"] += match.second is None
         second = match.second is not None and design.trust > 0
-        found["trusted_at_threshold"] += second and match.trust == design.trust
-        found["distrusted_at_threshold"] += second and match.trust == design.trust - 1
+        tally["trusted_at_threshold"] += second and match.trust == design.trust
+        tally["distrusted_at_threshold"] += second and match.trust == design.trust - 1
         if before.place is None:
             return
         step = best - before.place
-        found["stood"] += step == 0
-        found["stepped"] += step == 1
-        found["largest_step"] += step == known.last
-        found["beyond_the_largest_step"] += step == known.last + 1
-        found["stepped_back"] += step == -1
-        found["told_back"] += 0 <= step <= known.last and match.place < self._told
+        tally["stood"] += step == 0
+        tally["stepped"] += step == 1
+        tally["largest_step"] += step == filter_map.last
+        tally["beyond_the_largest_step"] += step == filter_map.last + 1
+        tally["stepped_back"] += step == -1
+        tally["told_back"] += 0 <= step <= filter_map.last and match.place < self._told
 
     def _see_trust(self, match: MatchResult, advanced: Advanced, before: Filter) -> None:
         """Count the facts of the trust in a match, and keep its residual."""
-        found, judged = self.found, advanced.trust
+        tally, judged = self.tally, advanced.trust
         residuals = self._residuals = (judged.residual, *self._residuals[:2])
         worst, support = max(residuals), judged.support
         left = max(support - (worst << TRUST_FRACTION_BITS), 0)
         if match.second_sum is not None:
-            found["margin_limited"] += match.second_sum - match.sum > MARGIN_TOP
-        found["residual_limited"] += residuals[0] == RESIDUAL_TOP and support > 0
-        found["trust_of_nothing"] += support < worst << TRUST_FRACTION_BITS
+            tally["margin_limited"] += match.second_sum - match.sum > MARGIN_TOP
+        tally["residual_limited"] += residuals[0] == RESIDUAL_TOP and support > 0
+        tally["trust_of_nothing"] += support < worst << TRUST_FRACTION_BITS
         for name, residual in zip(_OF_RESIDUALS, residuals, strict=True):
             alone = residuals.count(worst) == 1 and residual == worst > 0
-            found[name] += bool(match.trust) and alone
+            tally[name] += bool(match.trust) and alone
         falls = judged.kept - (judged.kept >> 3)
-        found["support_stood"] += (
+        tally["support_stood"] += (
             advanced.best.place == before.place and support == falls < judged.kept
         )
-        found["young"] += 0 < judged.trust < left
-        found["trust_rounded"] += judged.trust > 0 and left * judged.age % WHOLE_AGE > 0
-        found["of_age"] += judged.trust > 0 and before.age == WHOLE_AGE == judged.age
+        tally["young"] += 0 < judged.trust < left
+        tally["trust_rounded"] += judged.trust > 0 and left * judged.age % WHOLE_AGE > 0
+        tally["of_age"] += judged.trust > 0 and before.age == WHOLE_AGE == judged.age
 
-    def _see_gains(self, known: FilterMap, before: Filter, advanced: Advanced) -> None:
-        found, seen, best = self.found, advanced.seen, advanced.best
-        found[f"gain_{best.gain}"] += 1
+    def _see_gains(self, filter_map: FilterMap, before: Filter, advanced: Advanced) -> None:
+        tally, seen, best = self.tally, advanced.seen, advanced.best
+        tally[f"gain_{best.gain}"] += 1
         of_best = [row[best.place] for row in advanced.state.metrics]
-        found["gain_tie"] += of_best.count(min(of_best)) > 1
-        found["gain_changed"] += advanced.trust.age > 0 and best.gain != before.gain
-        self._see_others(known, advanced)
+        tally["gain_tie"] += of_best.count(min(of_best)) > 1
+        tally["gain_changed"] += advanced.trust.age > 0 and best.gain != before.gain
+        self._see_others(filter_map, advanced)
         if not seen.paused:
-            found[f"sum_{SUMS[seen.looks[best.gain]]}"] += 1
-            found["three_sums"] += len(set(seen.looks)) == len(SUMS)
+            tally[f"sum_{SUMS[seen.looks[best.gain]]}"] += 1
+            tally["three_sums"] += len(set(seen.looks)) == len(SUMS)
             for i, reciprocal in enumerate(before.reciprocals):
                 looks = i in seen.looks
-                found["sum_forgotten"] += reciprocal > 0 and not looks
-                found["sum_returns"] += reciprocal == 0 and looks and before.place is not None
+                tally["sum_forgotten"] += reciprocal > 0 and not looks
+                tally["sum_returns"] += reciprocal == 0 and looks and before.place is not None
         if seen.few == 0:
-            found[f"speed_shift_{min((1 + before.moved).bit_length() - 1, 6)}"] += 1
-            found["speed_saturated"] += before.moved == 63
-            found["speed_below_nothing"] += seen.speed < 0 and seen.speed % 16 > 0
+            tally[f"speed_shift_{min((1 + before.moved).bit_length() - 1, 6)}"] += 1
+            tally["speed_saturated"] += before.moved == 63
+            tally["speed_below_nothing"] += seen.speed < 0 and seen.speed % 16 > 0
         sums = sums_of(self._newest, len(SUMS))
-        found["sum_above_1023"] += max(map(max, sums)) > LEVELS.index(LEVEL_TOP)
+        tally["sum_above_1023"] += max(map(max, sums)) > LEVELS.index(LEVEL_TOP)
         map_log = ilog(self.machine.memories.activity >> ACTIVITY_FRACTION_BITS)
         running = ilog(self._kept.mean_activity >> ACTIVITY_FRACTION_BITS)
-        found["mean_apart"] += abs(map_log - running) >= 16
+        tally["mean_apart"] += abs(map_log - running) >= 16
 
-    def _see_others(self, known: FilterMap, advanced: Advanced) -> None:
+    def _see_others(self, filter_map: FilterMap, advanced: Advanced) -> None:
         """Match on and on by a filter without a rule, until a match is another one."""
-        told = (advanced.best.told, advanced.best.found, advanced.trust.trust)
+        told = (advanced.best.told, advanced.best.nearest, advanced.trust.trust)
         window = self.machine.states[-1]
         for name, rule in _OTHER_FILTERS.items():
-            state = self._others.get(name, Filter([[0] * len(known.activity)] * len(known.gains)))
+            state = self._others.get(
+                name, Filter([[0] * len(filter_map.activity)] * len(filter_map.gains))
+            )
             if state is None:
                 continue
             other = _advance_without(
-                known, state, window.activity, window.paused, self.machine.compared, rule
+                filter_map, state, window.activity, window.paused, self.machine.compared, rule
             )
-            differs = (other.best.told, other.best.found, other.trust.trust) != told
-            self.found[name] += differs
+            differs = (other.best.told, other.best.nearest, other.trust.trust) != told
+            self.tally[name] += differs
             self._others[name] = None if differs else other.state
 
     def _see_means(self) -> None:
-        found, kept, design = self.found, self._kept, self.machine.design
+        tally, kept, design = self.tally, self._kept, self.machine.design
         paused = is_pause(self.machine.that_count, kept.mean_activity)
         shift, half = mean_shift(kept.moves), 1 << (design.code_bits - 1)
         unit = 1 << LEVEL_FRACTION_BITS
@@ -432,28 +434,28 @@ class Facts:
             differences = differences_of(levels, means)
             shared = window_mean(differences)
             exact = shared * len(levels)
-            found["window_mean_below_nothing"] += shared < 0
-            found["window_mean_rounded_up"] += exact > sum(differences)
-            found["window_mean_rounded_down"] += exact < sum(differences)
-            found["highest_mean"] += LEVEL_TOP << MEAN_FRACTION_BITS in means
+            tally["window_mean_below_nothing"] += shared < 0
+            tally["window_mean_rounded_up"] += exact > sum(differences)
+            tally["window_mean_rounded_down"] += exact < sum(differences)
+            tally["highest_mean"] += LEVEL_TOP << MEAN_FRACTION_BITS in means
             for difference, level, mean in zip(differences, levels, means, strict=True):
                 rounded = difference - shared + unit // 2
                 octaves = rounded >> LEVEL_FRACTION_BITS
-                found["code_at_the_bottom"] += octaves + half < 0
-                found["code_at_the_top"] += octaves + half >= 2 * half
-                found["mean_of_a_half"] += (
+                tally["code_at_the_bottom"] += octaves + half < 0
+                tally["code_at_the_top"] += octaves + half >= 2 * half
+                tally["mean_of_a_half"] += (
                     mean % unit == unit // 2 and rounded % unit == unit - 1
                     and -half <= octaves < half - 1
                 )  # fmt: skip
                 left = (level << MEAN_FRACTION_BITS) - mean
                 if paused:
-                    found["mean_held"] += left != 0
+                    tally["mean_held"] += left != 0
                     continue
                 part = left % (1 << shift) > 0
-                found["mean_falls_by_part"] += part and left < 0
-                found["mean_rises_by_part"] += part and left > 0
+                tally["mean_falls_by_part"] += part and left < 0
+                tally["mean_rises_by_part"] += part and left > 0
         if not paused:
-            found[f"mean_shift_{shift}"] += 1
+            tally[f"mean_shift_{shift}"] += 1
 
 
 class _Rule(NamedTuple):
@@ -477,30 +479,32 @@ _OTHER_FILTERS = {
 
 
 def _advance_without(
-    known: FilterMap, state: Filter, activity: int, paused: bool, distances: Rows, rule: _Rule
+    filter_map: FilterMap, state: Filter, activity: int, paused: bool, distances: Rows, rule: _Rule
 ) -> Advanced:
     """Advance another filter."""
-    gains, seen = range(len(known.gains)), see(known, state, activity, paused)
+    gains, seen = range(len(filter_map.gains)), see(filter_map, state, activity, paused)
     if seen.few == 0:
         shift = min((1 + state.moved).bit_length() - 1, rule.most_shift)
         speed = state.speed + ((16 * activity - state.speed) >> shift)
-        looks = [which_sum(speed, gain) for gain in known.gains]
+        looks = [which_sum(speed, gain) for gain in filter_map.gains]
         seen = seen._replace(speed=speed, looks=looks)
-    against = evidence(known, state, seen, distances)
+    against = evidence(filter_map, state, seen, distances)
     if rule.keeps_reciprocals:
         pairs = zip(against.reciprocals, state.reciprocals, strict=True)
         against = against._replace(reciprocals=[new or old for new, old in pairs])
-    predicted = [[0] * len(known.activity) for _ in gains]
+    predicted = [[0] * len(filter_map.activity) for _ in gains]
     if state.place is not None:
         least = min(map(min, state.metrics))
         for h in gains:
             others = [g for g in gains if not rule.no_change(g, h)]
             changed = [
                 min(state.metrics[g][k] - least + GAIN_STEP * abs(h - g) for g in others)
-                for k in range(len(known.activity))
+                for k in range(len(filter_map.activity))
             ]
-            predicted[h] = move(changed, steps_of(known, seen, known.gains[h]), known.restart)
-    return decide(known, state, seen, predicted, against)
+            predicted[h] = move(
+                changed, steps_of(filter_map, seen, filter_map.gains[h]), filter_map.restart
+            )
+    return decide(filter_map, state, seen, predicted, against)
 
 
 _OF_RESIDUALS = (
@@ -508,13 +512,17 @@ _OF_RESIDUALS = (
 )  # fmt: skip
 
 
-def _events_facts(known: FilterMap, before: Filter, advanced: Advanced) -> Iterator[str]:
+def _events_facts(filter_map: FilterMap, before: Filter, advanced: Advanced) -> Iterator[str]:
     """Yield what the number of events says."""
     seen = advanced.seen
     if not seen.paused:
         yield f"weight_{seen.weight}"
     if before.place is not None and not seen.paused:
-        surplus = seen.activity - known.activity[before.place] - min(known.gains[before.gain], 0)
+        surplus = (
+            seen.activity
+            - filter_map.activity[before.place]
+            - min(filter_map.gains[before.gain], 0)
+        )
         if surplus in (-49, -48):
             # a window more or less with few events, and the robot would not or would stand
             if surplus == -49 and seen.stands:

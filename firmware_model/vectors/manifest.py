@@ -178,26 +178,26 @@ def _manifest(values: Mapping[str, Any]) -> Manifest:
 
 
 def _suite(values: object) -> SuiteEntry:
-    given = _object(values, "a suite")
-    cases = tuple(_case(case) for case in _get(given, "cases", list))
-    return SuiteEntry(_get(given, "name", str), _numbers(given, "coverage"), cases)
+    members = _object(values, "a suite")
+    cases = tuple(_case(case) for case in _get(members, "cases", list))
+    return SuiteEntry(_get(members, "name", str), _numbers(members, "coverage"), cases)
 
 
 def _case(values: object) -> CaseEntry:
-    given = _object(values, "a case")
-    name = _get(given, "name", str)
+    members = _object(values, "a case")
+    name = _get(members, "name", str)
     return CaseEntry(
         name=name,
-        **{one: _get(given, one, int) for one in _NUMBERS},
-        design=Design.from_dict(_get(given, "design", dict), f"case {name}"),
-        widths=_numbers(given, "widths"),
-        reference_firmware=_get(given, "reference_firmware", str),
+        **{one: _get(members, one, int) for one in _NUMBERS},
+        design=Design.from_dict(_get(members, "design", dict), f"case {name}"),
+        widths=_numbers(members, "widths"),
+        reference_firmware=_get(members, "reference_firmware", str),
         words={
             table: tuple(_place(place) for place in places)
-            for table, places in _get(given, "words", dict).items()
+            for table, places in _get(members, "words", dict).items()
         },
-        coverage=_numbers(given, "coverage"),
-        files={file: _file(entry) for file, entry in _get(given, "files", dict).items()},
+        coverage=_numbers(members, "coverage"),
+        files={file: _file(entry) for file, entry in _get(members, "files", dict).items()},
     )
 
 
@@ -220,22 +220,22 @@ def _get(values: Mapping[str, Any], name: str, kind: type[T]) -> T:
 
 
 def _numbers(values: Mapping[str, Any], name: str) -> dict[str, int]:
-    found = _get(values, name, dict)
-    return {one: _get(found, one, int) for one in found}
+    members = _get(values, name, dict)
+    return {one: _get(members, one, int) for one in members}
 
 
 def _place(values: object) -> FieldPlace:
-    given = _object(values, "a field")
-    return FieldPlace(*(_get(given, name, kind) for name, kind in _PLACE))
+    members = _object(values, "a field")
+    return FieldPlace(*(_get(members, name, kind) for name, kind in _PLACE))
 
 
 _PLACE: tuple[tuple[str, type[Any]], ...] = (("field", str), ("lowest_bit", int), ("bits", int))
 
 
 def _file(values: object) -> FileEntry:
-    given = _object(values, "a file")
-    sizes = [_get(given, name, int) if name in given else None for name in ("words", "bits")]
-    return FileEntry(_get(given, "bytes", int), _get(given, "sha256", str), *sizes)
+    members = _object(values, "a file")
+    sizes = [_get(members, name, int) if name in members else None for name in ("words", "bits")]
+    return FileEntry(_get(members, "bytes", int), _get(members, "sha256", str), *sizes)
 
 
 # A folder of golden vectors: its manifest, and its files, which are checked by their hashes.

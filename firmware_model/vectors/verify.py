@@ -27,7 +27,7 @@ class Verdict:
     differences: list[str]  #: The first difference of each case that has one.
     compared: dict[str, int]  #: Number of equal records, by kind.
     cases: int  #: Number of cases that were returned.
-    known: int  #: Number of cases of the vectors.
+    total: int  #: Number of cases of the vectors.
     missing: tuple[str, ...] = ()  #: Cases of the vectors that were not returned.
 
 
@@ -120,7 +120,7 @@ def verify(
     returned = _by_case(results, {one.number: name for name, one in cases.items()}, case)
     compared = dict.fromkeys(kinds, 0)
     differences = []
-    for name, found in returned.items():
+    for name, records in returned.items():
         if name not in cases:
             raise VectorError(
                 f"results of a case {name!r}, which the vectors have not: they have for example "
@@ -129,7 +129,7 @@ def verify(
         entry = cases[name]
         expected = list(from_binary(read_case_file(folder, name, entry, "expected.bin")))
         pixels = _pixels(read_case_file(folder, name, entry, "pixels.csv"))
-        difference = _compare(expected, found, kinds, pixels, compared)
+        difference = _compare(expected, records, kinds, pixels, compared)
         if difference:
             differences.append(f"{name}: {difference}")
     if not returned:
@@ -141,32 +141,32 @@ def verify(
 def _by_case(
     results: Iterable[Record], names: dict[int, str], case: str | None
 ) -> dict[str, list[Record]]:
-    found: dict[str, list[Record]] = {} if case is None else {case: []}
+    by_case: dict[str, list[Record]] = {} if case is None else {case: []}
     for kind, values in results:
         if kind.startswith("case"):
             if kind == "case" and (not values or values[0] not in names):
                 raise VectorError(f"results of case number {list(values)}: the vectors have not")
             case = names[values[0]] if kind == "case" else kind.removeprefix("case ")
-            found.setdefault(case, [])
+            by_case.setdefault(case, [])
         elif case is None:
             raise VectorError(
                 "the first record names no case: begin with one, or pass --case SUITE/NAME"
             )
         else:
-            found[case].append((kind, values))
-    return found
+            by_case[case].append((kind, values))
+    return by_case
 
 
 def _compare(
     expected: Sequence[Record],
-    found: Sequence[Record],
+    records: Sequence[Record],
     kinds: Sequence[str],
     pixels: Sequence[str],
     compared: dict[str, int],
 ) -> str:
     """Describe the first difference in the order of the stream; empty if there is none."""
     left: dict[str, Iterator[tuple[int, ...]]] = {
-        kind: iter([values for k, values in found if k == kind]) for kind in kinds
+        kind: iter([values for k, values in records if k == kind]) for kind in kinds
     }
     taken = 0
     for kind, wanted in expected:

@@ -215,11 +215,11 @@ def _numbered(text: str, sizes: dict[str, int]) -> str:
 
 def _ranges(design: Design) -> list[tuple[str, int, int]]:
     """Return each table whose entries have a range, the number of entries, and the largest one."""
-    found = [("displacement", design.height, design.lookup_depth - 1)]
+    ranges = [("displacement", design.height, design.lookup_depth - 1)]
     if design.contrast:
-        found += [("level", len(LEVELS), LEVEL_TOP), ("mean", design.slots, LEVEL_TOP)]
-        found.append(("limits", design.slots, design.count_max))
-    return found
+        ranges += [("level", len(LEVELS), LEVEL_TOP), ("mean", design.slots, LEVEL_TOP)]
+        ranges.append(("limits", design.slots, design.count_max))
+    return ranges
 
 
 def _range(name: str, entries: int, most: int) -> str:
@@ -279,8 +279,8 @@ def alarms(design: Design, sources: Path = SOURCES) -> list[str]:
         raise ToolError(f"frama-c does not analyse the firmware: {done.stdout[-500:]}")
     if "show_each_matched" not in done.stdout:
         raise ToolError("frama-c finds no way to a match: what it analyses is empty")
-    found = re.findall(r"\[eva:alarm\] \S*?(\w+\.[ch]:\d+): Warning:\s+(.*?)\n", done.stdout)
-    told = [f"{where}: {' '.join(what.split())}" for where, what in found]
+    matches = re.findall(r"\[eva:alarm\] \S*?(\w+\.[ch]:\d+): Warning:\s+(.*?)\n", done.stdout)
+    told = [f"{where}: {' '.join(what.split())}" for where, what in matches]
     if int(summary[1]) > len(told):
         raise ToolError(f"frama-c tells of alarms in another way: {done.stdout[-500:]}")
     return told
@@ -293,10 +293,10 @@ def main() -> int:
     try:
         for name, design in SIZES.items():
             before = resource.getrusage(resource.RUSAGE_CHILDREN).ru_utime
-            found = alarms(design)
+            raised = alarms(design)
             took = resource.getrusage(resource.RUSAGE_CHILDREN).ru_utime - before
-            failures += bool(found)
-            print(f"{name}: {len(found)} alarms, {took:.0f} s", *found, sep="\n    ", flush=True)
+            failures += bool(raised)
+            print(f"{name}: {len(raised)} alarms, {took:.0f} s", *raised, sep="\n    ", flush=True)
     except ToolError as error:
         print(f"eva: {error}", file=sys.stderr)
         return 1

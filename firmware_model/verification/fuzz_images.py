@@ -129,13 +129,13 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--images", type=int, default=1_000_000, help="default %(default)s")
     parser.add_argument("--seed", type=int, default=0, help="default %(default)s")
     parser.add_argument("--first", type=int, default=0, help="number of the first image")
-    asked = parser.parse_args(arguments)
-    total, begun, at = FuzzResult(), time.monotonic(), asked.first
+    options = parser.parse_args(arguments)
+    total, begun, at = FuzzResult(), time.monotonic(), options.first
     with tempfile.TemporaryDirectory() as folder:
         try:
-            fuzzer = Fuzzer(folder, asked.seed)
-            while total.images < asked.images:
-                number = min(_CHUNK, asked.images - total.images)
+            fuzzer = Fuzzer(folder, options.seed)
+            while total.images < options.images:
+                number = min(_CHUNK, options.images - total.images)
                 total += fuzzer.run(number, at)
                 at += number
                 sys.stderr.write(f"{total.images:,} images\n")
@@ -145,7 +145,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
         f"{total.images:,} damaged images, {total.opened:,} of which opened and {total.ran:,} ran: "
         f"{total.events:,} events, {total.windows:,} windows and {total.matches:,} matches; "
         f"no fault, no endless loop ({time.monotonic() - begun:.0f} "
-        f"s, seed {asked.seed})\n"
+        f"s, seed {options.seed})\n"
     )
 
 

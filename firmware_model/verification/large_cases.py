@@ -124,7 +124,7 @@ def _logarithms(design: Design) -> list[LongWindow]:
     stream.close()
     least = [bisect_left(range(EVENTS_TOP), log, key=ilog) for log in range(352, 368)]
     shown = [(16_000, n - less, ilog(16_000) - ilog(n)) for n in least for less in (0, 1)]
-    found = []
+    windows = []
     # one event less than the most of another logarithm, and more than 23 bits can count
     for events, mean_activity, edge in (
         *shown,
@@ -135,8 +135,8 @@ def _logarithms(design: Design) -> list[LongWindow]:
         activity = -(-(mean_activity << ACTIVITY_FRACTION_BITS) * 1024 // 1023)
         # the row of this activity is the last that has its cost of staying
         case = stream.case("", [[0] * design.slots], activity=activity, place_activity=[edge + 21])
-        found.append(LongWindow(case, events))
-    return found
+        windows.append(LongWindow(case, events))
+    return windows
 
 
 def _saturated(design: Design) -> LongWindow:

@@ -62,7 +62,7 @@ def mutants(file: str) -> list[Mutant]:
 
     lines = (SOURCES / file).read_text(encoding="ascii").splitlines(keepends=True)
     with contextlib.redirect_stdout(io.StringIO()):
-        found = mutants_regexp(lines, RULES, ignorePatterns=[])
+        changed = mutants_regexp(lines, RULES, ignorePatterns=[])
     return [
         Mutant(
             file,
@@ -70,7 +70,7 @@ def mutants(file: str) -> list[Mutant]:
             " ".join(line.split()),
             "".join([*lines[: number - 1], line, *lines[number:]]),
         )
-        for number, line, *_ in found
+        for number, line, *_ in changed
     ]
 
 

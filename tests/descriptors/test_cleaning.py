@@ -30,9 +30,9 @@ SENSOR = Sensor(4, 3)
 def test_hot_pixels_equal_the_oracle(seed, shape):
     rng = np.random.default_rng(seed)
     totals = rng.integers(0, 20, shape) * rng.choice([1, 1, 1, 40], shape)
-    found = find_hot_pixels(totals)
+    hot = find_hot_pixels(totals)
     expected = naive.hot_pixels(totals.tolist(), HOT_FACTOR)
-    assert {(int(x), int(y)) for y, x in zip(*np.nonzero(found), strict=True)} == set(expected)
+    assert {(int(x), int(y)) for y, x in zip(*np.nonzero(hot), strict=True)} == set(expected)
 
 
 def test_a_pixel_far_above_its_neighbours_is_hot_and_a_busy_region_is_not():
@@ -53,9 +53,9 @@ def test_bursts_equal_the_oracle_however_the_stream_is_cut(seed, n, slots, piece
     events = random_events(rng, n, SENSOR, slots * BURST_SLOT_US)
     filter_ = BurstFilter(SENSOR)
     chunks = [filter_.update(chunk) for chunk in cut_up(rng, events, pieces)]
-    found = np.concatenate([*chunks, filter_.finish()])
+    kept = np.concatenate([*chunks, filter_.finish()])
     expected = naive.without_bursts(as_tuples(events), BURST_SLOT_US, SENSOR.pixels, BURST_SHARE)
-    assert as_tuples(found) == expected
+    assert as_tuples(kept) == expected
     assert filter_.removed == n - len(expected)
 
 
@@ -64,21 +64,21 @@ def test_time_that_passes_lets_events_out_earlier_and_changes_none(seed, n, slot
     rng = np.random.default_rng(seed)
     events = random_events(rng, n, SENSOR, slots * BURST_SLOT_US)
     filter_ = BurstFilter(SENSOR)
-    found = []
+    parts = []
     for event in split_events(events, n):
-        known = filter_.known_us
+        complete_us = filter_.complete_us
         now = int(event["t"][0])
-        found.append(filter_.advance(now))
-        found.append(filter_.update(event))
-        assert all(part.size == 0 or part["t"][0] >= known for part in found[-2:])
-        found.append(filter_.advance(now))
+        parts.append(filter_.advance(now))
+        parts.append(filter_.update(event))
+        assert all(part.size == 0 or part["t"][0] >= complete_us for part in parts[-2:])
+        parts.append(filter_.advance(now))
     late = int(events["t"][-1]) // BURST_SLOT_US * BURST_SLOT_US + 2 * BURST_SLOT_US
-    found.append(filter_.advance(late - 1))
-    assert found[-1].size == 0
-    found.append(filter_.advance(late))
+    parts.append(filter_.advance(late - 1))
+    assert parts[-1].size == 0
+    parts.append(filter_.advance(late))
     assert filter_.finish().size == 0
     expected = naive.without_bursts(as_tuples(events), BURST_SLOT_US, SENSOR.pixels, BURST_SHARE)
-    assert as_tuples(join_events(found)) == expected
+    assert as_tuples(join_events(parts)) == expected
 
 
 def test_a_burst_goes_and_the_drive_around_it_stays():
@@ -87,11 +87,11 @@ def test_a_burst_goes_and_the_drive_around_it_stays():
     # most pixels within a millisecond, across the border of two slots
     burst = make_events(t=59_500 + 80 * np.arange(12), x=x, y=y)
     filter_ = BurstFilter(SENSOR)
-    found = [
+    parts = [
         filter_.update(join_events([quiet[:2], burst, quiet[2:]])),
         filter_.finish(),
     ]
-    assert join_events(found)["t"].tolist() == [0, 50_000, 90_000]
+    assert join_events(parts)["t"].tolist() == [0, 50_000, 90_000]
     assert filter_.removed == 12
 
 
@@ -102,10 +102,10 @@ def test_a_burst_goes_also_if_events_of_two_later_slots_come_one_by_one(pieces):
     burst = make_events(t=1_000 + 2 * np.arange(12), x=x, y=y)
     later = make_events(t=[11_000, 13_000, 15_000], x=[0, 0, 0], y=[0, 0, 0])
     filter_ = BurstFilter(SENSOR)
-    found = [
+    parts = [
         filter_.update(part) for part in split_events(join_events([burst, later]), pieces or 1)
     ]
-    assert join_events([*found, filter_.finish()])["t"].tolist() == later["t"].tolist()
+    assert join_events([*parts, filter_.finish()])["t"].tolist() == later["t"].tolist()
     assert filter_.removed == 12
 
 

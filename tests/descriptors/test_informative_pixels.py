@@ -97,11 +97,11 @@ def test_a_map_has_them_and_needs_no_seed(monkeypatch):
     length_m = 15.0 if config.DISABLE_JIT else 80.0
     recording, _ = (drive.keep() for drive in simulate_pair(1, "tiny", length_m=length_m))
     chosen = PRESETS["default"].replaced({"strategy": "information", "pixels": 25}, "test")
-    found = ReferenceMap.build(recording, chosen)
+    reference = ReferenceMap.build(recording, chosen)
     other = ReferenceMap.build(recording, chosen.replaced({"seed": 5}, "test"))
-    assert found.pixel_map == other.pixel_map
-    assert len(found.pixel_map) == 25
-    assert not found.hot[found.pixel_map.y, found.pixel_map.x].any()
+    assert reference.pixel_map == other.pixel_map
+    assert len(reference.pixel_map) == 25
+    assert not reference.hot[reference.pixel_map.y, reference.pixel_map.x].any()
     # where the images of all windows do not fit a temporary file, events are read again
     monkeypatch.setattr("edge_vpr.descriptors.pixels.PixelStatistics.descriptors", lambda *_: None)
-    assert ReferenceMap.build(recording, chosen).pixel_map == found.pixel_map
+    assert ReferenceMap.build(recording, chosen).pixel_map == reference.pixel_map

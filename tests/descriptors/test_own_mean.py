@@ -66,11 +66,11 @@ def test_codes_equal_the_oracle(seed, counters, bits, contrast):
     rng = np.random.default_rng(seed)
     counts = rng.integers(0, rng.choice([3, 300, 5000]), (6, counters))
     means = rng.integers(-300, 3000, counters)
-    found = OwnMeanCode(bits, contrast).encode(counts, means)
-    assert found.tolist() == [
+    codes = OwnMeanCode(bits, contrast).encode(counts, means)
+    assert codes.tolist() == [
         codes_of(row, (256 * means).tolist(), bits, contrast) for row in counts.tolist()
     ]
-    assert found.max() < 2**bits
+    assert codes.max() < 2**bits
 
 
 def test_contrast_codes_are_those_of_a_drive_at_any_speed():
@@ -88,12 +88,12 @@ def test_contrast_codes_are_those_of_a_drive_at_any_speed():
     mean=st.integers(0, 4096),
 )
 def test_the_running_mean_equals_the_oracle(levels, mean):
-    running, found = RunningMean(np.array([mean])), []
+    running, means = RunningMean(np.array([mean])), []
     for level in levels:
-        found.append(int(running.mean[0]))
+        means.append(int(running.mean[0]))
         running.update(np.array([level]))
     expected = means_before([levels], [mean])
-    assert [[256 * one] for one in (*found, int(running.mean[0]))] == rounded(expected)
+    assert [[256 * one] for one in (*means, int(running.mean[0]))] == rounded(expected)
     assert min([mean, *levels]) - 1 <= running.mean[0] <= max([mean, *levels]) + 1
 
 
@@ -108,12 +108,12 @@ def drive_codes(levels, pauses, bits, contrast):
     means = [
         256 * ((2 * sum(column) + number) // (2 * number)) for column in zip(*moving, strict=True)
     ]
-    found = []
+    codes = []
     for row in levels:
         differences = differences_of(row, means)
         shared = window_mean(differences) if contrast else 0
-        found.append([own_mean_code(one - shared, bits) for one in differences])
-    return found
+        codes.append([own_mean_code(one - shared, bits) for one in differences])
+    return codes
 
 
 @given(seed=st.integers(0, 2**32), windows=st.integers(1, 20), contrast=st.booleans())
@@ -146,14 +146,14 @@ def test_a_robot_codes_each_window_by_what_came_before_it(seed, windows, cut, co
     rng = np.random.default_rng(seed)
     counts = rng.integers(0, 300, (windows, 3))
     mean, code = np.array([500, 900, 0], np.int32), OwnMeanCode(contrast=contrast)
-    found = encode_running(descriptors(counts), code, mean, 0, 1).counts
+    codes = encode_running(descriptors(counts), code, mean, 0, 1).counts
     levels = [[level_of(c) for c in column] for column in counts.T.tolist()]
     means = means_before(levels, mean.tolist())
-    for row, coded, now in zip(counts.tolist(), found.tolist(), means, strict=False):
+    for row, coded, now in zip(counts.tolist(), codes.tolist(), means, strict=False):
         assert coded == codes_of(row, now, 3, contrast)
     # later windows change no earlier code
     first = encode_running(descriptors(counts[: max(cut, 1)]), code, mean, 0, 1).counts
-    assert np.array_equal(first, found[: len(first)])
+    assert np.array_equal(first, codes[: len(first)])
 
 
 def test_other_light_moves_the_mean_and_not_the_codes():

@@ -40,8 +40,8 @@ def test_varying_pixels_equal_the_oracle_to_the_bit(seed, width, height, sigma, 
     saliency[rng.integers(height), rng.integers(width)] = 1.0
     pixels = data.draw(st.integers(1, int(np.count_nonzero(saliency))))
     draws = rng.random(pixels).tolist()
-    found = select_pixels(saliency, pixels, sigma=sigma, rng=Replay(draws))
-    assert pairs(found) == naive.select_pixels(saliency.tolist(), pixels, sigma, draws)
+    selected = select_pixels(saliency, pixels, sigma=sigma, rng=Replay(draws))
+    assert pairs(selected) == naive.select_pixels(saliency.tolist(), pixels, sigma, draws)
 
 
 @pytest.mark.parametrize("strategy", BY_SALIENCY)
@@ -60,33 +60,33 @@ def test_excluded_pixels_are_never_chosen(strategy):
     saliency = np.ones((30, 30))
     exclude = np.ones((30, 30), dtype=bool)
     exclude[5:25, 5:12] = False
-    found = select_pixels(
+    selected = select_pixels(
         saliency, 3, strategy=strategy, rng=np.random.default_rng(0), exclude=exclude
     )
-    assert not exclude[found.y, found.x].any()
+    assert not exclude[selected.y, selected.x].any()
 
 
 def test_top_takes_the_most_salient_and_the_first_of_equals():
     saliency = np.array([[1.0, 3.0, 2.0], [3.0, 0.0, 2.0]])
-    found = select_pixels(saliency, 3, strategy="top", rng=np.random.default_rng(0))
-    assert pairs(found) == [(1, 0), (0, 1), (2, 0)]
+    selected = select_pixels(saliency, 3, strategy="top", rng=np.random.default_rng(0))
+    assert pairs(selected) == [(1, 0), (0, 1), (2, 0)]
 
 
 def test_random_upper_leaves_the_bottom_third_of_the_rows_out():
-    found = select_pixels(
+    selected = select_pixels(
         np.zeros((9, 9)), 54, strategy="random-upper", sigma=0, rng=np.random.default_rng(0)
     )
-    assert sorted(pairs(found)) == sorted((x, y) for x in range(9) for y in range(6))
+    assert sorted(pairs(selected)) == sorted((x, y) for x in range(9) for y in range(6))
 
 
 def test_pixels_of_the_released_code_keep_their_distance_and_outliers_weigh_a_hundredth():
     saliency = np.full((60, 60), 100.0)
     saliency[30, 30] = 1e6  # above mean + 2 std: made 0.01 of 100, so practically never drawn
-    found = select_pixels(saliency, 25, strategy="seed-code", rng=np.random.default_rng(3))
-    points = np.array(pairs(found))
+    selected = select_pixels(saliency, 25, strategy="seed-code", rng=np.random.default_rng(3))
+    points = np.array(pairs(selected))
     apart = np.hypot(*(points[:, None] - points[None, :]).transpose(2, 0, 1))
     assert apart[np.triu_indices(25, 1)].min() > REJECTION_RADIUS
-    assert (30, 30) not in pairs(found)
+    assert (30, 30) not in pairs(selected)
 
 
 def test_draws_follow_the_saliency():

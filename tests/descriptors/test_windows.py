@@ -52,26 +52,26 @@ def test_descriptors_equal_the_oracle_however_the_stream_is_cut(
     rng = np.random.default_rng(seed)
     events = random_events(rng, n, SENSOR, duration)
     stream = DescriptorStream(PIXEL_MAP, window, polarity=polarity)
-    found = descriptors(stream, cut_up(rng, events, pieces))
+    described = descriptors(stream, cut_up(rng, events, pieces))
 
     if isinstance(window, FixedTime):
         expected = naive.fixed_time_windows(as_tuples(events), window.tau_us)
-        assert found.start_us.tolist() == [k * window.tau_us for k in range(len(expected))]
-        assert found.end_us.tolist() == [(k + 1) * window.tau_us for k in range(len(expected))]
+        assert described.start_us.tolist() == [k * window.tau_us for k in range(len(expected))]
+        assert described.end_us.tolist() == [(k + 1) * window.tau_us for k in range(len(expected))]
         times, tau = events["t"].tolist(), window.tau_us
         last = times[-1] if times else 0
         unseen = naive.unseen_halves(times, tau, last // tau + 1, last)
-        assert found.unseen.tolist() == unseen[: len(expected)]
+        assert described.unseen.tolist() == unseen[: len(expected)]
     else:
         expected = naive.fixed_count_windows(as_tuples(events), PIXELS, window.events)
-        assert found.start_us.tolist() == [w[0][0] for w in expected]
-        assert found.end_us.tolist() == [w[-1][0] for w in expected]
-        assert all(row.sum() == window.events for row in found.counts)
-    assert found.counts.tolist() == [naive.count(w, PIXELS, polarity) for w in expected]
-    assert found.events.tolist() == [len(w) for w in expected]
+        assert described.start_us.tolist() == [w[0][0] for w in expected]
+        assert described.end_us.tolist() == [w[-1][0] for w in expected]
+        assert all(row.sum() == window.events for row in described.counts)
+    assert described.counts.tolist() == [naive.count(w, PIXELS, polarity) for w in expected]
+    assert described.events.tolist() == [len(w) for w in expected]
     # nothing is lost: what the windows do not hold is the incomplete one
     rest = stream.finish()
-    assert found.events.sum() + rest.events.sum() == n
+    assert described.events.sum() + rest.events.sum() == n
 
 
 def test_an_event_on_the_boundary_belongs_to_the_window_that_starts_there():
@@ -83,8 +83,8 @@ def test_an_event_on_the_boundary_belongs_to_the_window_that_starts_there():
 
 def test_windows_without_events_are_descriptors_of_zeros():
     events = make_events(t=[0, 45], x=[0, 0], y=[0, 0])
-    found = DescriptorStream(PIXEL_MAP, FixedTime(10)).update(events)
-    assert found.counts[:, 0].tolist() == [1, 0, 0, 0]
+    described = DescriptorStream(PIXEL_MAP, FixedTime(10)).update(events)
+    assert described.counts[:, 0].tolist() == [1, 0, 0, 0]
 
 
 @pytest.mark.parametrize(
@@ -93,9 +93,9 @@ def test_windows_without_events_are_descriptors_of_zeros():
 def test_counts_are_stored_in_the_narrowest_dtype_that_holds_them(largest, dtype):
     t = np.append(np.zeros(largest, dtype=np.int64), 10)
     events = make_events(t, np.zeros(t.size), np.zeros(t.size))
-    found = DescriptorStream(PIXEL_MAP, FixedTime(10)).update(events)
-    assert found.counts.dtype == dtype
-    assert found.counts[0, 0] == largest
+    described = DescriptorStream(PIXEL_MAP, FixedTime(10)).update(events)
+    assert described.counts.dtype == dtype
+    assert described.counts[0, 0] == largest
 
 
 def test_a_clock_that_jumps_by_years_is_an_error_and_not_a_flood_of_windows():

@@ -63,8 +63,8 @@ def table(*steps):
 
 
 @given(st.lists(st.tuples(st.integers(0, 9), st.integers(1, 5)), min_size=1, max_size=12))
-def test_blocks_of_pooled_violators_are_the_least_squares_rising_fit(found):
-    values, weights = (np.array(column, dtype=float) for column in zip(*found, strict=True))
+def test_blocks_of_pooled_violators_are_the_least_squares_rising_fit(pairs):
+    values, weights = (np.array(column, dtype=float) for column in zip(*pairs, strict=True))
     begins = isotonic(values, weights)
     ends = [*begins[1:].tolist(), len(values)]
     fit = []
@@ -83,7 +83,7 @@ def test_a_robot_that_stays_on_the_map_accepts_live_matches_of_lower_trust():
 
 
 @pytest.mark.parametrize(
-    ("found", "becomes", "says"),
+    ("original", "becomes", "says"),
     [
         ('"live_on_map"', '"live_of_map"', "lacks 'live_on_map': install"),
         ('"smoothed"', '"smoother"', "lacks 'smoothed': install"),
@@ -92,10 +92,10 @@ def test_a_robot_that_stays_on_the_map_accepts_live_matches_of_lower_trust():
         ("}}", "}", "damaged"),
     ],
 )
-def test_a_damaged_file_of_shipped_tables_is_named(tmp_path, monkeypatch, found, becomes, says):
+def test_a_damaged_file_of_shipped_tables_is_named(tmp_path, monkeypatch, original, becomes, says):
     text = files("edge_vpr").joinpath(DEFAULT_TABLES).read_text(encoding="utf-8")
-    assert found in text
-    (tmp_path / DEFAULT_TABLES).write_text(text.replace(found, becomes), encoding="utf-8")
+    assert original in text
+    (tmp_path / DEFAULT_TABLES).write_text(text.replace(original, becomes), encoding="utf-8")
     monkeypatch.setattr("edge_vpr.confidence.files", lambda package: tmp_path)
     with pytest.raises(MapError, match=f"{DEFAULT_TABLES}.*{says}.*again"):
         for smoothed, stays_on_map in ((True, False), (False, True)):
@@ -103,13 +103,13 @@ def test_a_damaged_file_of_shipped_tables_is_named(tmp_path, monkeypatch, found,
 
 
 @given(outcomes)
-def test_a_learnt_table_rises_and_never_says_never_or_always(found):
-    trust = np.array([t for t, _ in found])
-    correct = np.array([c for _, c in found])
+def test_a_learnt_table_rises_and_never_says_never_or_always(pairs):
+    trust = np.array([t for t, _ in pairs])
+    correct = np.array([c for _, c in pairs])
     learnt = learn_confidence(trust, correct)
     assert (np.diff(learnt.probability) >= 0).all()
     assert learnt.probability[0] > 0 and learnt.probability[-1] < 1
-    assert learnt.matches.sum() == len(found)
+    assert learnt.matches.sum() == len(pairs)
     for i, (begin, n) in enumerate(zip(learnt.trust, learnt.matches, strict=True)):
         end = learnt.trust[i + 1] if i + 1 < len(learnt.trust) else 99
         assert ((trust >= begin) & (trust < end)).sum() == n
@@ -130,11 +130,11 @@ def test_a_threshold_lies_within_a_long_block():
 
 
 @given(outcomes, st.floats(0.01, 0.99))
-def test_a_precision_asked_for_is_that_of_the_accepted_by_the_table(found, precision):
-    learnt = learn_confidence(np.array([t for t, _ in found]), np.array([c for _, c in found]))
-    of_all = np.array([t for t, _ in found])
-    given_p = learnt.probability_of(of_all)
-    by_threshold = {t: given_p[of_all >= t].mean() for t in of_all.tolist()}
+def test_a_precision_asked_for_is_that_of_the_accepted_by_the_table(pairs, precision):
+    learnt = learn_confidence(np.array([t for t, _ in pairs]), np.array([c for _, c in pairs]))
+    of_all = np.array([t for t, _ in pairs])
+    table_p = learnt.probability_of(of_all)
+    by_threshold = {t: table_p[of_all >= t].mean() for t in of_all.tolist()}
     if learnt.precision[-1] < precision:
         with pytest.raises(UsageError, match="was not reached where trust was calibrated"):
             learnt.least_trust(precision)
@@ -177,8 +177,8 @@ def test_the_shipped_table_is_of_this_format_and_says_where_it_comes_from():
 
 
 @given(st.lists(st.tuples(st.floats(0, 1), st.booleans()), min_size=1, max_size=40))
-def test_the_calibration_error_is_the_oracles(found):
-    p, correct = [p for p, _ in found], [c for _, c in found]
+def test_the_calibration_error_is_the_oracles(pairs):
+    p, correct = [p for p, _ in pairs], [c for _, c in pairs]
     error = reliability(np.array(p), np.array(correct)).expected_calibration_error
     assert error == pytest.approx(naive.calibration_error(p, correct, 10), abs=1e-12)
 
@@ -195,10 +195,10 @@ def test_found_at_99_percent_counts_queries_that_are_not_on_the_map():
     trust = np.arange(10)
     has_place = trust % 5 != 0
     correct = has_place & (trust != 1)
-    found = evaluate_rejection(trust, correct, has_place, trust >= 4)
-    assert (found.on_map, found.off_map, found.right_on_map) == (8, 2, 7 / 8)
-    assert found.found_at_99_precision == 4 / 8  # down to 6; 5 is off the map
-    assert (found.accepted, found.precision, found.recall) == (6, 5 / 6, 5 / 8)
+    rejection = evaluate_rejection(trust, correct, has_place, trust >= 4)
+    assert (rejection.on_map, rejection.off_map, rejection.right_on_map) == (8, 2, 7 / 8)
+    assert rejection.found_at_99_precision == 4 / 8  # down to 6; 5 is off the map
+    assert (rejection.accepted, rejection.precision, rejection.recall) == (6, 5 / 6, 5 / 8)
     assert evaluate_rejection(trust, correct, trust >= 0).off_map_auroc is None
     nothing = evaluate_rejection(trust, correct, has_place, trust > 99)
     assert (nothing.accepted, nothing.precision, nothing.recall) == (0, None, 0.0)
@@ -304,11 +304,11 @@ def test_a_recorded_drive_that_stays_on_the_map_has_the_probabilities_of_such(ro
     for stays in (False, True):
         changes = {"smooth": smooth, "stays_on_map": stays}
         result = reference.match(robot / "query.npz", **changes)
-        found, settings = result.matches, result.matches.settings
-        assert match_descriptors(reference.places, result.queries, settings) == found
+        matches, settings = result.matches, result.matches.settings
+        assert match_descriptors(reference.places, result.queries, settings) == matches
         table = default_confidence(smooth, stays)
-        assert found.probability.tolist() == table.probability_of(found.net_trust).tolist()
-        assert found.lost.tolist() == (found.net_trust < table.least_trust(0.99)).tolist()
+        assert matches.probability.tolist() == table.probability_of(matches.net_trust).tolist()
+        assert matches.lost.tolist() == (matches.net_trust < table.least_trust(0.99)).tolist()
 
 
 def test_each_live_path_gives_the_matches_of_a_recorded_drive_that_stays_on_the_map(
@@ -317,29 +317,29 @@ def test_each_live_path_gives_the_matches_of_a_recorded_drive_that_stays_on_the_
     def rows_of(rows):
         return [tuple(row[name] for name in COLUMNS) for row in rows]
 
-    def of_matches(found):
-        return list(zip(*(getattr(found, name).tolist() for name in COLUMNS), strict=True))
+    def of_matches(matches):
+        return list(zip(*(getattr(matches, name).tolist() for name in COLUMNS), strict=True))
 
     names = [str(robot / name) for name in ("map.npz", "query.npz", "sent.bin")]
     reference = ReferenceMap.load(names[0])
-    asked = {"smooth": False, "stays_on_map": True}
-    recorded = of_matches(reference.match(names[1], **asked).matches)
+    changes = {"smooth": False, "stays_on_map": True}
+    recorded = of_matches(reference.match(names[1], **changes).matches)
     assert {lost for _, _, lost in recorded} == {True, False}
     # the recording's last window has no event after it, so that only its end ends it
-    online = of_matches(reference.match(names[1], every="window", **asked).matches)
+    online = of_matches(reference.match(names[1], every="window", **changes).matches)
     assert online == recorded[: len(online)] and len(recorded) - len(online) <= 1
     out = tmp_path / "out"
     live = ["--online", "--every", "window", "--no-figures", "-o", str(out)]
     assert main(["match", *names[:2], "--stays-on-map", *live]) == 0
     assert of_matches(Matches.load(out / "matches.npz")) == online
 
-    localiser = reference.localiser("window", **asked)
+    localiser = reference.localiser("window", **changes)
     localiser.save(tmp_path / "state.npz")
     localiser = Localiser.load(tmp_path / "state.npz")
     rows = [localiser.update(part) for part in open_recording(names[1])]
     assert rows_of(np.concatenate(rows)) == online
 
-    chosen = reference.matched_with(reference.settings.replaced(asked, "test"))
+    chosen = reference.matched_with(reference.settings.replaced(changes, "test"))
     with LiveSession(names[2], protocol="evpr", reference=chosen, every="window") as session:
         assert [(m.place, m.probability, m.lost) for m in session] == online
     capsys.readouterr()
@@ -352,9 +352,9 @@ def test_each_live_path_gives_the_matches_of_a_recorded_drive_that_stays_on_the_
 def test_a_map_with_a_table_of_its_own_is_not_asked_for_a_shipped_one(robot, tmp_path, capsys):
     own = table((0, 0.25, 8), (8, 0.999, 80))
     reference = replace(ReferenceMap.load(robot / "map.npz"), confidence=own)
-    asked = reference.settings.replaced({"stays_on_map": True}, "test")
+    stays = reference.settings.replaced({"stays_on_map": True}, "test")
     says = "the map has a table of its own"
-    for ask in (reference.match, lambda recording, **asked: reference.localiser(**asked)):
+    for ask in (reference.match, lambda recording, **changed: reference.localiser(**changed)):
         with pytest.raises(UsageError, match=says):
             ask(robot / "query.npz", stays_on_map=True)
     reference.save(tmp_path / "map.npz")
@@ -366,19 +366,19 @@ def test_a_map_with_a_table_of_its_own_is_not_asked_for_a_shipped_one(robot, tmp
         (line,) = capsys.readouterr().err.splitlines()
         assert says in line
     # a map that was made for a robot that stays on it uses the table that it learnt later
-    made = replace(reference, settings=asked)
+    made = replace(reference, settings=stays)
     assert made.match(robot / "query.npz").reference.acceptance.confidence is own
     # with another restart, trust has another scale than that of the map's own table
     changes = {"smooth": False, "filter_restart": 20}
-    found = reference.match(robot / "query.npz", stays_on_map=True, **changes).matches
+    matches = reference.match(robot / "query.npz", stays_on_map=True, **changes).matches
     shipped = default_confidence(False, True)
-    assert found.probability.tolist() == shipped.probability_of(found.net_trust).tolist()
+    assert matches.probability.tolist() == shipped.probability_of(matches.net_trust).tolist()
 
 
 def test_what_has_no_effect_on_such_matches_is_warned_of(robot, tmp_path, capsys):
     match = ["match", str(robot / "map.npz"), str(robot / "query.npz"), "--no-figures", "-o"]
-    asked = {"--smooth": True, "--no-smooth": False, "--online": False}
-    for i, (flag, warned) in enumerate(asked.items()):
+    warned_of = {"--smooth": True, "--no-smooth": False, "--online": False}
+    for i, (flag, warned) in enumerate(warned_of.items()):
         assert main([*match, str(tmp_path / f"{i}"), flag, "--stays-on-map"]) == 0
         assert ("--stays-on-map is for live matches" in capsys.readouterr().err) == warned
 
@@ -414,9 +414,9 @@ def test_calibrating_stores_probabilities_that_later_matches_have(tmp_path, caps
     truth = np.eye(len(rows), dtype=np.uint8)
     truth[:, ::7] = 0  # taken as not on the map
     np.save(tmp_path / "truth.npy", truth)
-    given = ["--ground-truth", str(tmp_path / "truth.npy"), "--rows", "reference"]
+    truth_flags = ["--ground-truth", str(tmp_path / "truth.npy"), "--rows", "reference"]
     capsys.readouterr()
-    assert main(["evaluate", str(tmp_path / "a"), *given]) == 0
+    assert main(["evaluate", str(tmp_path / "a"), *truth_flags]) == 0
     said = capsys.readouterr().out
     assert "probabilities are off by" in said and "--precision 0.99:" in said
     assert "off the map: AUROC" in said
@@ -511,8 +511,8 @@ def test_a_table_of_an_earlier_rule_of_trust_is_not_used(tmp_path, monkeypatch, 
 
 @given(trust=st.integers(0, 2**31), misfit=st.integers(-1, 1_000))
 def test_net_trust_is_that_of_the_oracle(trust, misfit):
-    found = net_trust(np.array([trust]), np.array([misfit]))
-    assert found.tolist() == [confidence_of(trust, misfit)]
+    net = net_trust(np.array([trust]), np.array([misfit]))
+    assert net.tolist() == [confidence_of(trust, misfit)]
 
 
 def test_matches_that_are_accepted_past_the_edge_of_the_map_are_counted():

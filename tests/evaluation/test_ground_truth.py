@@ -48,11 +48,13 @@ points = st.lists(st.integers(0, 200), min_size=1, max_size=12, unique=True).map
 def test_interpolation_is_the_oracles_to_the_bit(times, wanted, max_gap, data):
     values = data.draw(st.lists(st.integers(-1000, 1000), min_size=len(times), max_size=len(times)))
     bridged = None if max_gap is None else np.diff(times) <= max_gap
-    found = interpolate(wanted, times, np.array(values, dtype=float)[:, None], bridged)
+    interpolated = interpolate(wanted, times, np.array(values, dtype=float)[:, None], bridged)
     expected = [
         naive.interpolate(list(zip(times, values, strict=True)), x, max_gap) for x in wanted
     ]
-    np.testing.assert_array_equal(found[:, 0], [math.nan if e is None else e for e in expected])
+    np.testing.assert_array_equal(
+        interpolated[:, 0], [math.nan if e is None else e for e in expected]
+    )
 
 
 def test_a_track_is_unknown_before_it_after_it_and_inside_long_gaps():
@@ -351,11 +353,11 @@ def test_truth_from_tracks_is_the_oracles_however_the_matrix_is_cut(kind, data, 
     reach = tolerance + speed * np.maximum(0, places - ends)[:, None] / 1e6
     near = (away <= reach) & (places > ends)[:, None]
     maybe = near.any(axis=0) & ~truth.has_place
-    np.testing.assert_array_equal(truth.known, (queries <= query.time_us[-1]) & ~maybe)
+    np.testing.assert_array_equal(truth.has_truth, (queries <= query.time_us[-1]) & ~maybe)
     # a match with a place after the log's end is wrong, unless the reference can have been there
     unsure = np.abs(away - reach) < 1e-6
     judged = truth.judged(*np.indices(truth.correct.shape))
-    np.testing.assert_array_equal(judged[~unsure], (truth.known & ~near)[~unsure])
+    np.testing.assert_array_equal(judged[~unsure], (truth.has_truth & ~near)[~unsure])
     np.testing.assert_array_equal(truth.has_place, truth.correct.any(axis=0))
 
 
@@ -429,11 +431,11 @@ def test_gps_at_70_m_confirms_the_published_matches_of_sunset_1_and_2(shared_dat
         truth = from_tracks(reference, query, centres(places), centres(queries), tolerance_m)
         matched = published.any(axis=0)
         agrees = (published & truth.correct).any(axis=0)
-        assert (matched.sum(), (matched & truth.known).sum(), agrees.sum()) == (711, 701, 701)
-        np.testing.assert_array_equal(np.flatnonzero(~truth.known), np.arange(714, 724))
+        assert (matched.sum(), (matched & truth.has_truth).sum(), agrees.sum()) == (711, 701, 701)
+        np.testing.assert_array_equal(np.flatnonzero(~truth.has_truth), np.arange(714, 724))
         assert truth.has_place[~matched].all()
     # the match and the position fit best without an offset between counts and GPS
-    j = np.flatnonzero(matched & truth.known)
+    j = np.flatnonzero(matched & truth.has_truth)
     k = published[:, j].argmax(axis=0)
     medians = {
         shift: np.nanmedian(
@@ -466,7 +468,7 @@ def test_truth_from_an_alignment_is_the_oracles(times, data, tolerance, cells):
         patch.setattr(ground_truth, "MOST_CHANCE", 1.0)
         truth = from_alignment(alignment, places * SECOND, queries * SECOND, tolerance)
     np.testing.assert_array_equal(truth.correct, correct)
-    np.testing.assert_array_equal(truth.known, [e is not None for e in expected])
+    np.testing.assert_array_equal(truth.has_truth, [e is not None for e in expected])
 
 
 @pytest.mark.parametrize(
@@ -540,10 +542,10 @@ def test_speck_walks_has_truth_for_the_queries_that_its_alignment_covers(shared_
     frames = np.arange(30 // 2, 3723, 30)  # centres of windows of 30 frames
     places = np.arange(30 // 2, 3453, 30)
     truth = from_alignment(alignment, places * SECOND, frames * SECOND, 60, frame_period=1)
-    np.testing.assert_array_equal(truth.known, (frames >= 100) & (frames <= 3640))
-    np.testing.assert_array_equal(truth.has_place, truth.known)
+    np.testing.assert_array_equal(truth.has_truth, (frames >= 100) & (frames <= 3640))
+    np.testing.assert_array_equal(truth.has_place, truth.has_truth)
     # 60 frames either side hold 4 windows of 30, or 5 where one lies right in the middle
-    assert set(truth.correct[:, truth.known].sum(axis=0).tolist()) <= {4, 5}
+    assert set(truth.correct[:, truth.has_truth].sum(axis=0).tolist()) <= {4, 5}
 
 
 # --- truth from a matrix --------------------------------------------------------------------------
@@ -555,7 +557,7 @@ def test_a_matrix_lies_as_its_rows_are_said_to():
     by_query = from_matrix(matrix, 3, 2, rows="query")
     np.testing.assert_array_equal(by_place.correct, matrix == 1)
     np.testing.assert_array_equal(by_query.correct, matrix.T == 1)
-    assert by_place.known.all()
+    assert by_place.has_truth.all()
     assert by_place.has_place.tolist() == [True, True, False]
 
 
@@ -625,13 +627,13 @@ def test_a_file_without_a_matrix_says_why(tmp_path):
 
 
 def test_a_truth_that_contradicts_itself_is_refused():
-    known = np.array([True, False])
+    has_truth = np.array([True, False])
     with pytest.raises(GroundTruthError, match="unknown truth has a correct place"):
-        GroundTruth(np.ones((3, 2), dtype=bool), known, "")
+        GroundTruth(np.ones((3, 2), dtype=bool), has_truth, "")
     with pytest.raises(GroundTruthError, match="give one value per query"):
-        GroundTruth(np.zeros((3, 3), dtype=bool), known, "")
+        GroundTruth(np.zeros((3, 3), dtype=bool), has_truth, "")
     with pytest.raises(GroundTruthError, match="give bool arrays"):
-        GroundTruth(np.zeros((3, 2)), known, "")
+        GroundTruth(np.zeros((3, 2)), has_truth, "")
 
 
 # --- large truths ----------------------------------------------------------------------------
@@ -641,11 +643,11 @@ def test_a_truth_of_many_cells_keeps_the_true_ones_and_says_the_same(monkeypatch
     rng = np.random.default_rng(0)
     reference = Track(np.arange(41) * SECOND, rng.uniform(0, 30, (41, 2)))
     query = Track(np.arange(4, 31) * SECOND, rng.uniform(0, 30, (27, 2)))
-    given = (reference, query, np.arange(40) * SECOND, np.arange(35) * SECOND, 6.0)
-    whole = from_tracks(*given)
+    tracks = (reference, query, np.arange(40) * SECOND, np.arange(35) * SECOND, 6.0)
+    whole = from_tracks(*tracks)
     monkeypatch.setattr(ground_truth, "MOST_CELLS", 100)
     monkeypatch.setattr(ground_truth, "BLOCK_CELLS", 90)
-    few = from_tracks(*given)
+    few = from_tracks(*tracks)
     assert isinstance(whole.correct, np.ndarray) and isinstance(few.correct, TrueCells)
     assert np.array_equal(np.asarray(few.correct), whole.correct)
     assert few.correct.shape == whole.correct.shape and repr(few) == repr(whole)
@@ -654,9 +656,9 @@ def test_a_truth_of_many_cells_keeps_the_true_ones_and_says_the_same(monkeypatch
     assert np.array_equal(few.correct[place, at], whole.correct[place, at])
     for j in range(35):
         assert np.array_equal(few.correct[:, j], whole.correct[:, j])
-    assert few.correct == from_tracks(*given).correct != TrueCells((40, 35), np.array([3]))
-    alone = GroundTruth(few.correct, few.known, "without positions")
-    dense = GroundTruth(whole.correct, whole.known, "without positions")
+    assert few.correct == from_tracks(*tracks).correct != TrueCells((40, 35), np.array([3]))
+    alone = GroundTruth(few.correct, few.has_truth, "without positions")
+    dense = GroundTruth(whole.correct, whole.has_truth, "without positions")
     assert np.array_equal(
         alone.errors(place[:, 0], at[:, 0]), dense.errors(place[:, 0], at[:, 0]), equal_nan=True
     )

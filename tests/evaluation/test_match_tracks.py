@@ -53,29 +53,29 @@ def test_gpx_and_geojson_hold_the_positions_of_the_matched_places(drive, tmp_pat
     gpx, points, tum = (tmp_path / f"track.{kind}" for kind in ("gpx", "geojson", "tum"))
     reference, matches = matched(drive, "gps", tmp_path / "out", gpx, points, tum)
     expected = reference.route.position[matches.place]
-    known = np.isfinite(expected[:, 0])
-    assert 0 < known.sum() < len(matches)  # the log ends before the drive
-    found = np.array([(one.get("lat"), one.get("lon")) for one in points_of(gpx)], float)
-    assert found == pytest.approx(expected[known], abs=1e-7)
+    placed = np.isfinite(expected[:, 0])
+    assert 0 < placed.sum() < len(matches)  # the log ends before the drive
+    written = np.array([(one.get("lat"), one.get("lon")) for one in points_of(gpx)], float)
+    assert written == pytest.approx(expected[placed], abs=1e-7)
 
     features = json.loads(points.read_text())["features"]
-    found = np.array([one["geometry"]["coordinates"] for one in features])
-    assert found[:, ::-1] == pytest.approx(expected[known], abs=1e-7)
+    written = np.array([one["geometry"]["coordinates"] for one in features])
+    assert written[:, ::-1] == pytest.approx(expected[placed], abs=1e-7)
     values = [one["properties"] for one in features]
-    assert [one["place"] for one in values] == matches.place[known].tolist()
-    assert [one["time_s"] for one in values] == (matches.time_us[known] / 1e6).tolist()
-    assert [one["probability"] for one in values] == matches.probability[known].round(4).tolist()
+    assert [one["place"] for one in values] == matches.place[placed].tolist()
+    assert [one["time_s"] for one in values] == (matches.time_us[placed] / 1e6).tolist()
+    assert [one["probability"] for one in values] == matches.probability[placed].round(4).tolist()
     assert {one["lost"] for one in values} == {None}
 
     rows = np.loadtxt(tum)
-    assert rows.shape == (known.sum(), 8)
-    along = distances("geographic", expected[known], expected[known][0])
+    assert rows.shape == (placed.sum(), 8)
+    along = distances("geographic", expected[placed], expected[placed][0])
     from_first = np.hypot(*(rows[:, 1:3] - rows[0, 1:3]).T)
     assert from_first == pytest.approx(along, abs=0.05)
     assert np.all(np.diff(rows[[0, -1], 1]) > 0) and np.all(np.diff(rows[[0, -1], 2]) < 0)
     metres = MatchResult(reference, matches).position_m
-    assert np.isnan(metres[~known]).all()
-    assert metres[known] == pytest.approx(rows[:, 1:3], abs=1e-3)
+    assert np.isnan(metres[~placed]).all()
+    assert metres[placed] == pytest.approx(rows[:, 1:3], abs=1e-3)
 
 
 def points_of(gpx):
@@ -121,11 +121,11 @@ def test_lost_matches_are_left_out_of_a_track_and_marked_on_a_map(drive, tmp_pat
     files = [tmp_path / "track.gpx", tmp_path / "track.geojson"]
     more = ("--online", "--every", "window", "--precision", "0.99")
     reference, matches = matched(drive, "gps", tmp_path / "out", *files, more=more, query="strayed")
-    known = np.isfinite(reference.route.along_m[matches.place])
-    assert (matches.lost & known).any() and (~matches.lost & known).any()
-    assert len(points_of(files[0])) == np.count_nonzero(~matches.lost & known)
+    placed = np.isfinite(reference.route.along_m[matches.place])
+    assert (matches.lost & placed).any() and (~matches.lost & placed).any()
+    assert len(points_of(files[0])) == np.count_nonzero(~matches.lost & placed)
     features = json.loads(files[1].read_text())["features"]
-    assert [one["properties"]["lost"] for one in features] == matches.lost[known].tolist()
+    assert [one["properties"]["lost"] for one in features] == matches.lost[placed].tolist()
 
 
 @pytest.mark.parametrize(

@@ -20,10 +20,12 @@ from tests.streams import descriptors
 DENOMINATORS = ("rejected-correct", "all-with-place")
 
 
-def truth_of(correct, known=None):
+def truth_of(correct, has_truth=None):
     correct = np.asarray(correct, dtype=bool)
-    known = np.ones(correct.shape[1], dtype=bool) if known is None else np.asarray(known)
-    return GroundTruth(correct & known, known, "test")
+    has_truth = (
+        np.ones(correct.shape[1], dtype=bool) if has_truth is None else np.asarray(has_truth)
+    )
+    return GroundTruth(correct & has_truth, has_truth, "test")
 
 
 @given(
@@ -36,15 +38,15 @@ def test_precision_and_recall_equal_the_oracle_at_every_threshold(queries, denom
     scores = [float(s) for s, _, _ in queries]
     correct = [c for _, c, _ in queries]
     has_place = [c or h for _, c, h in queries]
-    found = precision_recall(
+    curve = precision_recall(
         np.array(scores), np.array(correct), np.array(has_place), recall_denominator=denominator
     )
     expected = naive.precision_recall(scores, correct, has_place, denominator)
-    assert list(zip(found.tp.tolist(), found.fp.tolist(), found.fn.tolist(), strict=True)) == (
+    assert list(zip(curve.tp.tolist(), curve.fp.tolist(), curve.fn.tolist(), strict=True)) == (
         expected
     )
     recalls = [tp / (tp + fn) for tp, fp, fn in expected if tp and 100 * tp >= 99 * (tp + fp)]
-    assert found.recall_at_precision(99) == max(recalls, default=0.0)
+    assert curve.recall_at_precision(99) == max(recalls, default=0.0)
 
 
 def test_ninety_nine_of_a_hundred_are_ninety_nine_per_cent():
@@ -91,24 +93,24 @@ def test_an_evaluation_equals_the_oracle(seed, places, length):
     reference = rng.integers(0, 4, (places, 3))
     query = rng.integers(0, 4, (queries, 3))
     correct = rng.random((places, queries)) < 0.1
-    known = rng.random(queries) < 0.8
-    known[length // 2] = True
+    has_truth = rng.random(queries) < 0.8
+    has_truth[length // 2] = True
     settings = Settings(sequence_length=length)
     matches = match_descriptors(descriptors(reference), descriptors(query), settings)
-    truth = truth_of(correct, known)
-    found = evaluate(matches, truth)
+    truth = truth_of(correct, has_truth)
+    evaluation = evaluate(matches, truth)
 
     sums = naive.sequence_sums(naive.distance_matrix(reference.tolist(), query.tolist()), length)
     offset = length // 2
     rows = range(offset, offset + len(sums))
-    columns = [j for j in range(len(sums[0])) if known[j + offset]]
+    columns = [j for j in range(len(sums[0])) if has_truth[j + offset]]
     best = [naive.best_and_second([row[j] for row in sums], 3)[0] + offset for j in columns]
     right = [bool(correct[k, j + offset]) for k, j in zip(best, columns, strict=True)]
-    assert found.queries == len(columns)
-    assert found.precision_at_100_recall == sum(right) / len(right)
+    assert evaluation.queries == len(columns)
+    assert evaluation.precision_at_100_recall == sum(right) / len(right)
     # places that no whole sequence is centred on can never be found, but queries may be there
     reachable = [j for j in columns if correct[:, j + offset].any()]
-    for n, recall in found.recall_at.items():
+    for n, recall in evaluation.recall_at.items():
         hits, _ = (
             naive.recall_at(
                 [[row[j] for j in reachable] for row in sums],
@@ -125,19 +127,19 @@ def test_queries_of_unknown_truth_count_nowhere_and_are_counted():
     settings = Settings(sequence_length=1)
     same = descriptors([[0], [5], [9]])
     matches = match_descriptors(same, same, settings)
-    found = evaluate(matches, truth_of(np.eye(3), [True, True, False]))
-    assert (found.queries, found.queries_unknown) == (2, 1)
-    assert found.precision_at_100_recall == 1.0
+    evaluation = evaluate(matches, truth_of(np.eye(3), [True, True, False]))
+    assert (evaluation.queries, evaluation.queries_unknown) == (2, 1)
+    assert evaluation.precision_at_100_recall == 1.0
 
 
 def test_a_query_without_a_true_place_is_wrong_whatever_it_matches():
     settings = Settings(sequence_length=1)
     same = descriptors([[0], [5], [9]])
     truth = truth_of(np.diag([1, 1, 0]))
-    found = evaluate(match_descriptors(same, same, settings), truth)
-    assert found.precision_at_100_recall == 2 / 3
-    assert found.queries_without_place == 1
-    assert found.recall_at[1] == 1.0
+    evaluation = evaluate(match_descriptors(same, same, settings), truth)
+    assert evaluation.precision_at_100_recall == 2 / 3
+    assert evaluation.queries_without_place == 1
+    assert evaluation.recall_at[1] == 1.0
 
 
 def test_a_truth_of_another_traverse_is_refused():
@@ -173,5 +175,9 @@ def test_a_query_is_missed_where_a_near_place_has_no_position():
     correct = np.zeros((7, 2), dtype=bool)
     correct[0] = True  # the sixth nearest of the second query
     placed = np.arange(7) != 3
-    found = evaluate(matches, replace(truth_of(correct), placed=placed))
-    assert (found.recall_at[1], found.recall_at[5], found.recall_at[10]) == (0.5, 0.5, 1.0)
+    evaluation = evaluate(matches, replace(truth_of(correct), placed=placed))
+    assert (evaluation.recall_at[1], evaluation.recall_at[5], evaluation.recall_at[10]) == (
+        0.5,
+        0.5,
+        1.0,
+    )

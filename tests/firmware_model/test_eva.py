@@ -46,5 +46,5 @@ def test_a_mutant_has_an_alarm(fault, tmp_path):
     text = (sources / "vpr.c").read_text(encoding="ascii")
     assert text.count(right) == 1
     (sources / "vpr.c").write_text(text.replace(right, wrong), encoding="ascii")
-    found = alarms(SIZES["default"], sources)
-    assert any(told in one for one in found), found
+    raised = alarms(SIZES["default"], sources)
+    assert any(told in one for one in raised), raised

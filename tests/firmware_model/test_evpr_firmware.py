@@ -212,14 +212,14 @@ def check(setup, script, run):
     encoder = EvprEncoder(setup.sensor, setup.event_bytes, setup.boot, frame_bytes=8_192)
     encoder._sequence = setup.sequence
     last = 0
-    for frame, found in zip(frames, said, strict=True):
+    for frame, of_frame in zip(frames, said, strict=True):
         header = HEADER.unpack_from(unstuffed(frame))
         encoder.dropped, base = header[4], header[5]
         assert len(unstuffed(frame)) <= setup.frame_bytes <= 8_192
         assert last <= base, "time runs backwards"
-        last = found[-1][0] if found else base
-        columns = zip(*found, strict=True)
-        made = encoder.encode(make_events(*columns)) if found else encoder.idle(base)
+        last = of_frame[-1][0] if of_frame else base
+        columns = zip(*of_frame, strict=True)
+        made = encoder.encode(make_events(*columns)) if of_frame else encoder.idle(base)
         assert frame + b"\0" == made
 
     # the decoder that is in use
@@ -337,11 +337,11 @@ def check_times(setup, script, run):
     ends = np.cumsum([len(frame) + 1 for frame in run.out.split(b"\0")[:-1]])
     made = script.clock()[np.searchsorted(run.ready, ends)]
     made[0] = setup.now
-    waited = [at - found[0][0] for at, found in zip(made, said, strict=True) if found]
+    waited = [at - of_frame[0][0] for at, of_frame in zip(made, said, strict=True) if of_frame]
     assert max(waited) <= 5_000 and sum(wait >= 3_000 for wait in waited) > 20
     silences = np.diff(made)[:-2]
     assert silences.max() <= 100_000
-    empty = np.array([not found for found in said[1:-2]])
+    empty = np.array([not of_frame for of_frame in said[1:-2]])
     assert empty.sum() > 10 and silences[empty].min() >= 98_000
 
 
@@ -360,7 +360,7 @@ def test_a_line_that_is_too_slow_carries_long_frames(program):
     script = Script.of(steps).ended()
     run = run_host(program, setup, script)
     said = check(setup, script, run)
-    assert [len(found) for found in said[1:-3]] == [250] * (len(said) - 4)
+    assert [len(of_frame) for of_frame in said[1:-3]] == [250] * (len(said) - 4)
     events, dropped = taken(setup, script, run)
     assert events.size > 20_000 / 4 and events.size + dropped == 20_000
 
@@ -390,7 +390,7 @@ def test_pauses_stand_in_for_a_frame_as_long_as_they_are_shorter(folder):
 def check_pauses(patient):
     for setup, script, frames in pause_scripts():
         said = check(setup, script, run_host(patient, setup, script))
-        assert [len(found) for found in said[:-2]] == frames
+        assert [len(of_frame) for of_frame in said[:-2]] == frames
 
 
 def pause_scripts():

@@ -145,16 +145,16 @@ def test_events_may_be_handed_over_in_batches(emulator, cases, expected):
         whole = [r for r in from_binary(expected[case.name]) if r[0] != "event"]
         for batch in (2, 7, 1 << 20):
             flash, ram = image(case.memories), ram_bytes(case.design)
-            found = emulator.replay(flash, case.event_bytes(), case.start, ram, batch)
-            assert list(from_binary(found)) == whole, (case.name, batch)
+            records = emulator.replay(flash, case.event_bytes(), case.start, ram, batch)
+            assert list(from_binary(records)) == whole, (case.name, batch)
 
 
 def test_a_saved_state_goes_on_where_it_was(emulator, cases, expected):
     """After each window it is saved, all memory is lost, and it is restored at another address."""
     for case in (*cases["corners"], *cases["filter"]):
         flash, ram = image(case.memories), ram_bytes(case.design)
-        found = emulator.replay(flash, case.event_bytes(), case.start, 2 * ram)
-        assert found == expected[case.name], case.name
+        records = emulator.replay(flash, case.event_bytes(), case.start, 2 * ram)
+        assert records == expected[case.name], case.name
 
 
 class Running(NamedTuple):
@@ -195,8 +195,8 @@ def test_a_device_that_is_told_the_time_loses_no_window_in_a_silence(folder):
                 emulator.call("vpr_window_end", device.design, device.state)
                 emulator.call("vpr_match_places", device.design, device.state, match)
         assert windows == now // 100
-        found = [result for result in results if isinstance(result, MatchResult)]
-        assert not found or emulator.get(match, 8) == struct.pack("<II", *found[-1][:2])
+        matches = [result for result in results if isinstance(result, MatchResult)]
+        assert not matches or emulator.get(match, 8) == struct.pack("<II", *matches[-1][:2])
 
 
 @pytest.mark.parametrize("late", [-1, 0, 99, 100, (1 << 31) - 1, 1 << 31, (1 << 31) + 1])
@@ -330,8 +330,8 @@ def test_no_word_of_an_image_may_be_large(emulator, cases):
     for word in set(Word) - {Word.WINDOW_KIND, Word.WINDOW, Word.LARGEST_SUM}:
         broken = flash.copy()
         broken[word * 4 : word * 4 + 4] = (0x7FFF_FFF0).to_bytes(4, "little")
-        found = sealed(bytes(broken)) if word != Word.CRC else bytes(broken)
-        assert opens(emulator, bytes(flash)) and not opens(emulator, found), word
+        changed = sealed(bytes(broken)) if word != Word.CRC else bytes(broken)
+        assert opens(emulator, bytes(flash)) and not opens(emulator, changed), word
 
 
 def test_the_replay_ends_when_its_results_are_full(emulator, cases):

@@ -70,10 +70,10 @@ def replayed(case: Case, folder: Path) -> list[tuple[str, tuple[int, ...]]]:
     text = re.sub(r"\x1b\[\d*m", "", done.stdout + done.stderr)
     # the simulator marks the end of a line by a dot
     lines = [line.rstrip(".") for line in text.splitlines()]
-    found = [line for line in lines if re.fullmatch(r"[wm][0-9a-f ]+", line)]
-    assert "refused" not in text and found, text[-300:]
+    records = [line for line in lines if re.fullmatch(r"[wm][0-9a-f ]+", line)]
+    assert "refused" not in text and records, text[-300:]
     kinds = {"w": "window", "m": "match"}
-    return [(kinds[x[0]], tuple(int(word, 16) for word in x[1:].split())) for x in found]
+    return [(kinds[x[0]], tuple(int(word, 16) for word in x[1:].split())) for x in records]
 
 
 @pytest.mark.parametrize(

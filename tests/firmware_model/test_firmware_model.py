@@ -87,9 +87,9 @@ def pipeline(memories: Memories, events: list[Event], start: int):
         zip(*map(np.ndarray.tolist, best_matches(sums, design.exclusion)), strict=True)
     ):
         best_sum = int(sums[best, j])
-        found = (second + last, int(sums[second, j])) if second >= 0 else (None, None)
+        second_best = (second + last, int(sums[second, j])) if second >= 0 else (None, None)
         accepted = best_sum <= design.largest_sum
-        matches.append(MatchResult(j + last, best + last, best_sum, *found, ties, accepted))
+        matches.append(MatchResult(j + last, best + last, best_sum, *second_best, ties, accepted))
     return codes, matches
 
 
@@ -101,12 +101,12 @@ def by_filter(memories: Memories, codes, events):
     transitions = Transitions(design.places, costs, own, exclusion=design.exclusion)
     bias = np.array(memories.place_bias, dtype=np.int64)
     transitions.table = transitions.table._replace(bias=bias)
-    found = PlaceFilter(transitions, memories.activity)
+    place_filter = PlaceFilter(transitions, memories.activity)
     places, matches = np.array(memories.places), []
     for j, window in enumerate(events.tolist()):
         of_sums = codes[j, : design.sums]
         distances = np.abs(places[None].astype(int) - of_sums[:, None].astype(int)).sum(axis=2)
-        rows = found.update_windows(distances[None].astype(np.int32), np.array([window]))
+        rows = place_filter.update_windows(distances[None].astype(np.int32), np.array([window]))
         m = Match(*rows.matches[0].tolist())
         second = (None, None) if m.second < 0 else (m.second, int(m.second_distance))
         accepted = m.second >= 0 and m.trust >= design.trust
@@ -360,7 +360,7 @@ def test_tables_that_do_not_fit_the_design_are_refused():
         with pytest.raises(DesignError, match=message):
             Memories(design, pixels, places)
     adaptive = small(matching="filter", code="contrast", code_bits=3)
-    for changed, given, message in (
+    for changed, wrong, message in (
         (adaptive, {"mean": [0]}, "means of 1 counters of contrast codes: expected 2 from 0"),
         (adaptive, {"mean": [0, 2561]}, "from 0 to 2560"),
         (design, {"mean": [0, 0]}, "means of 2 counters of contrast codes: expected 0"),
@@ -372,7 +372,7 @@ def test_tables_that_do_not_fit_the_design_are_refused():
         (adaptive, {"activity": 1 << 31}, "activity = 2147483648"),
     ):
         with pytest.raises(DesignError, match=message):
-            Memories(changed, good.pixels, good.places, **given)
+            Memories(changed, good.pixels, good.places, **wrong)
     with pytest.raises(DesignError, match="lookup_depth = 8"):
         # what one row leaves free is not two neighbours
         Memories(

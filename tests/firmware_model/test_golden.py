@@ -172,21 +172,24 @@ def test_the_manifest_names_every_file_and_its_hash(vectors):
 @pytest.mark.parametrize(
     ("damage", "says"),
     [
-        (lambda found: found.pop("suites"), "suites is missing"),
-        (lambda found: found["suites"][0].pop("name"), "name is missing"),
-        (lambda found: found["suites"].append(3), "a suite is a int"),
-        (lambda found: found["suites"][0]["cases"][0].update(number="1"), "number is a str"),
-        (lambda found: found["suites"][0]["cases"][0]["files"].update(x=[]), "a file is a list"),
-        (lambda found: found["design"].update(pixels=-1), "pixels = -1"),
-        (lambda found: found.update(schema=99), "has schema 99"),
+        (lambda manifest: manifest.pop("suites"), "suites is missing"),
+        (lambda manifest: manifest["suites"][0].pop("name"), "name is missing"),
+        (lambda manifest: manifest["suites"].append(3), "a suite is a int"),
+        (lambda manifest: manifest["suites"][0]["cases"][0].update(number="1"), "number is a str"),
+        (
+            lambda manifest: manifest["suites"][0]["cases"][0]["files"].update(x=[]),
+            "a file is a list",
+        ),
+        (lambda manifest: manifest["design"].update(pixels=-1), "pixels = -1"),
+        (lambda manifest: manifest.update(schema=99), "has schema 99"),
     ],
 )
 def test_a_damaged_manifest_is_one_line(vectors, tmp_path, damage, says):
     """Which names what is wrong, and what to do."""
-    found = json.loads((vectors / "manifest.json").read_text())
-    assert load_manifest(vectors).to_json() == found
-    damage(found)
-    (tmp_path / "manifest.json").write_text(json.dumps(found))
+    manifest = json.loads((vectors / "manifest.json").read_text())
+    assert load_manifest(vectors).to_json() == manifest
+    damage(manifest)
+    (tmp_path / "manifest.json").write_text(json.dumps(manifest))
     with pytest.raises(VectorError, match=f"{says}.*make the vectors again"):
         load_manifest(tmp_path)
 
@@ -290,9 +293,9 @@ def test_states_of_a_case_are_those_that_its_matches_come_from(tmp_path, gains):
             if state["paused"]:
                 assert state["reciprocal"] == state["spread"] == -1
             elif not several:  # of several sums, the best gain may look at another one
-                found = 65_536 // state["spread"]
-                assert state["reciprocal"] == (found if own < 0 else own)
-                own = found
+                reciprocal = 65_536 // state["spread"]
+                assert state["reciprocal"] == (reciprocal if own < 0 else own)
+                own = reciprocal
             raised = state["kept"] + (16 * min(state["margin"], 23) - state["kept"]) // 4
             if before is not None and state["best"] == before["best"]:
                 raised = min(raised, state["kept"] - state["kept"] // 8)
@@ -309,7 +312,7 @@ def test_intel_hex_gives_the_image_back(vectors):
     """Lines of a correct checksum, also across 64 KiB and of an odd length."""
 
     def decode(text: str) -> dict[int, int]:
-        found, upper = {}, 0
+        bytes_at, upper = {}, 0
         for line in text.split():
             data = bytes.fromhex(line[1:])
             assert line[0] == ":" and sum(data) & 0xFF == 0 and data[0] == len(data) - 5
@@ -317,9 +320,9 @@ def test_intel_hex_gives_the_image_back(vectors):
                 upper = int.from_bytes(data[4:6], "big") << 16
             elif data[3] == 0:
                 at = upper | int.from_bytes(data[1:3], "big")
-                found |= {at + i: byte for i, byte in enumerate(data[4:-1])}
+                bytes_at |= {at + i: byte for i, byte in enumerate(data[4:-1])}
         assert text.endswith(":00000001FF\n")
-        return found
+        return bytes_at
 
     _, _, place = next(each_case(vectors))
     image = (place / "image.bin").read_bytes()
@@ -366,7 +369,7 @@ def test_correct_results_pass(vectors, tmp_path):
     (tmp_path / "r.bin").write_bytes(to_binary(records))
     verdict = verify(vectors, read_results(tmp_path / "r.bin"))
     cases = len(list(each_case(vectors)))
-    assert verdict.differences == [] and verdict.cases == verdict.known == cases
+    assert verdict.differences == [] and verdict.cases == verdict.total == cases
     assert verdict.compared["event"] > 10_000 and verdict.compared["match"] > 100
     names = {case.number: name for name, case, _ in each_case(vectors)}
     with (tmp_path / "r.csv").open("w") as file:
@@ -389,9 +392,9 @@ def test_the_first_difference_is_pointed_at(vectors):
     def said(change) -> str:
         records = list(good)
         change(records)
-        found = verify(vectors, records, case=name).differences
-        assert len(found) == 1 and found[0].startswith(name)
-        return found[0].removeprefix(f"{name}: ")
+        differences = verify(vectors, records, case=name).differences
+        assert len(differences) == 1 and differences[0].startswith(name)
+        return differences[0].removeprefix(f"{name}: ")
 
     def first(kind, of=good, after=0):
         return next(i for i, r in enumerate(of) if r[0] == kind and i >= after)
@@ -521,11 +524,11 @@ def same_as_the_pipeline(folder, map_file, query) -> int:
     recording = open_recording(query)
     device = replace(reference.settings, smooth=False)
     reference = replace(reference, settings=device)
-    found = describe_query(reference, recording)
+    queries = describe_query(reference, recording)
     windows = arrays["expected_windows"]
-    assert 0 < len(windows) <= len(found)
-    assert np.array_equal(windows, found.counts[: len(windows)])
-    matches = match_descriptors(reference.places, found, device)
+    assert 0 < len(windows) <= len(queries)
+    assert np.array_equal(windows, queries.counts[: len(windows)])
+    matches = match_descriptors(reference.places, queries, device)
     length = device.windows_per_match
     end = length - 1 - length // 2  # from the middle window of a sequence to the newest
     for row, i in zip(arrays["expected_matches"].tolist(), range(len(matches)), strict=False):
@@ -604,8 +607,8 @@ def test_a_real_drive_makes_vectors_that_are_the_pipelines_matches(tmp_path, sha
         for name, case, place in each_case(tmp_path / "vectors"):
             if name.startswith(("random", "recording")):
                 flash, events = ((place / f"{n}.bin").read_bytes() for n in ("image", "events"))
-                found = emulator.replay(flash, events, case.start, 1 << 20)
-                assert found == (place / "expected.bin").read_bytes(), (target.name, name)
+                records = emulator.replay(flash, events, case.start, 1 << 20)
+                assert records == (place / "expected.bin").read_bytes(), (target.name, name)
 
 
 def recorded_drive(folder, events_number=40_000):
@@ -633,11 +636,11 @@ def test_a_recording_is_limited_in_windows_and_fits_a_microcontroller(tmp_path, 
         assert main([*golden, "-o", str(folder), *flags]) == 0
         drive = folder / "recording" / "drive"
         arrays = np.load(drive / "case.npz")
-        found = len(arrays["expected_windows"])
-        said = f"has {found} of --max-windows 20: --case-size 20KiB has no room for more"
+        n_windows = len(arrays["expected_windows"])
+        said = f"has {n_windows} of --max-windows 20: --case-size 20KiB has no room for more"
         assert (said in capsys.readouterr().err) == (windows is None)
-        assert 0 < found < 20 if windows is None else found == windows
-        assert len(arrays["expected_matches"]) == found
+        assert 0 < n_windows < 20 if windows is None else n_windows == windows
+        assert len(arrays["expected_matches"]) == n_windows
         # events elsewhere are in it too, as far as there is room
         elsewhere = int((arrays["expected_slot"] < 0).sum())
         assert 0 < elsewhere <= int((arrays["expected_slot"] >= 0).sum()) + 1

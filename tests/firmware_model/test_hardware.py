@@ -337,8 +337,8 @@ def values_of_package(tmp_path, design):
     names = re.findall(r"localparam (?:int|bit|logic \[\d+:0\])\s+(\w+)", text)
     shown = "".join(f'$display("%0d", {PACKAGE}::{name});' for name in names)
     bench = f"{text}\nmodule bench; initial begin {shown} end endmodule\n"
-    found = [value for (value,) in simulated(tmp_path, bench, [])]
-    return dict(zip(names, found, strict=True))
+    values = [value for (value,) in simulated(tmp_path, bench, [])]
+    return dict(zip(names, values, strict=True))
 
 
 #: quantities of the model that the package has by another name, and those that are made of others
@@ -353,14 +353,14 @@ def test_the_packages_widths_are_those_of_the_model(tmp_path):
     drawn = [draw(rng) for draw in (random_design, random_adaptive_design) for _ in range(8)]
     wide = replace(DESIGN, tau_us=5_000_000_000, timestamp_bits=40)
     for design in (*KINDS, *drawn, wide, report.DOCUMENTED):
-        found = values_of_package(tmp_path, design)
-        assert found.items() >= constants(design).items()
-        assert (found["SLOTS"], found["WORDS"]) == (design.slots, design.words)
-        assert found["RESIDUAL_TOP"] == RESIDUAL_TOP == MARGIN_TOP
-        assert found["EVENT_TIME_BITS"] == (32 if design.timestamp_bits <= 32 else 64)
+        values = values_of_package(tmp_path, design)
+        assert values.items() >= constants(design).items()
+        assert (values["SLOTS"], values["WORDS"]) == (design.slots, design.words)
+        assert values["RESIDUAL_TOP"] == RESIDUAL_TOP == MARGIN_TOP
+        assert values["EVENT_TIME_BITS"] == (32 if design.timestamp_bits <= 32 else 64)
         for name, form in formats_of(design).items():
             if name not in INNER:
-                assert found[f"{SAME.get(name, name).upper()}_BITS"] == form.width, name
+                assert values[f"{SAME.get(name, name).upper()}_BITS"] == form.width, name
 
 
 def test_the_package_has_no_constant_that_a_design_leaves_out():
@@ -823,12 +823,12 @@ def test_step_costs_are_those_of_the_models_table(tmp_path, table, restart):
     units, steps = ("vpr_rom.sv", "vpr_step_costs.sv"), len(table[0])
     packed = sum(cost << 7 * at for at, cost in enumerate(chain(*table)))
     values = {"PLACES": 2, "STEPS": steps, "STEP_COSTS": packed, "RESTART": restart}
-    found = simulated(tmp_path, COSTS_BENCH.replace("STEPS", str(steps)), units, **values)
-    assert len(found) == 16 * 737
-    for place, window, stands, *costs in found:
+    rows = simulated(tmp_path, COSTS_BENCH.replace("STEPS", str(steps)), units, **values)
+    assert len(rows) == 16 * 737
+    for place, window, stands, *costs in rows:
         row = table[0 if stands else row_of(window - place)]
         assert costs == [min(cost, restart) for cost in row]
-    moving = {row_of(window - place) for place, window, stands, *_ in found if not stands}
+    moving = {row_of(window - place) for place, window, stands, *_ in rows if not stands}
     assert moving == set(range(19))
 
 

@@ -69,8 +69,8 @@ class Driven(NamedTuple):
 @pytest.fixture(scope="module", params=PROFILES)
 def driven(request) -> Driven:
     rng = np.random.default_rng(11)
-    given = dict(PROFILES[request.param])
-    settings = PRESETS[given.pop("preset")].replaced(_SMALL | given, "the test")
+    profile = dict(PROFILES[request.param])
+    settings = PRESETS[profile.pop("preset")].replaced(_SMALL | profile, "the test")
     assert settings.profile == request.param.partition(",")[0]
     drives = [random_events(rng, 12_000, SENSOR, 3_000_000) for _ in range(2)]
     reference = ReferenceMap.build(Drive(drives[0], SENSOR), settings)
@@ -80,26 +80,26 @@ def driven(request) -> Driven:
     design = design_of(reference, lanes=4)
     if settings.profile == "robot":  # of devices, maps have one gain by default
         design = replace(design, gains=settings.gains)
-    found = tuple(Event(t, x, y, bool(p)) for t, x, y, p in drives[1].tolist())
-    case = Case("drive", memories_of(reference, design), found)
+    events = tuple(Event(t, x, y, bool(p)) for t, x, y, p in drives[1].tolist())
+    case = Case("drive", memories_of(reference, design), events)
     return Driven(reference, drives[1], case, case.trace().matches)
 
 
 def test_recorded_matches_are_those_of_the_specification(driven):
     """By Numba, all windows at once."""
     queries = describe_query(driven.reference, Drive(driven.events, SENSOR))
-    found = match_descriptors(driven.reference.places, queries, driven.reference.settings)
+    matches = match_descriptors(driven.reference.places, queries, driven.reference.settings)
     length = driven.reference.settings.windows_per_match
     shift = length - 1 - length // 2  # from the middle window of a sequence to the newest
-    second = np.where(found.second < 0, -1, found.second + shift)
+    second = np.where(matches.second < 0, -1, matches.second + shift)
     driven.same(
         list(
             zip(
-                found.place + shift,
-                found.distance_sum,
+                matches.place + shift,
+                matches.distance_sum,
                 second,
-                found.second_sum,
-                found.ties,
+                matches.second_sum,
+                matches.ties,
                 strict=True,
             )
         )
@@ -111,8 +111,8 @@ def test_live_matches_are_those_of_the_specification(driven):
     settings = driven.reference.settings
     localiser = Localiser(driven.reference, every=MatchSchedule.window(settings))
     pieces = cut_up(np.random.default_rng(3), driven.events, 20)
-    found = np.concatenate([localiser.update(piece) for piece in pieces])
-    rows = with_sums(found, settings.windows_per_match)
+    matches = np.concatenate([localiser.update(piece) for piece in pieces])
+    rows = with_sums(matches, settings.windows_per_match)
     names = ["place", "distance", "second", "second_distance", "ties"]
     driven.same(rows[names].tolist())
 

@@ -35,8 +35,8 @@ def test_the_page_names_functions_that_exist():
         text = re.split(r"^## ", page, flags=re.MULTILINE)
         (body,) = [one for one in text if one.startswith(f"{section}. ")]
         named = re.findall(r"`([a-z]+_[a-z_]+)`(?=[,) ])", body)
-        known = {*vars(spec), *vars(drive), *Design.__dataclass_fields__, "mean_activity"}
-        assert named and set(named) <= known, set(named) - known
+        names = {*vars(spec), *vars(drive), *Design.__dataclass_fields__, "mean_activity"}
+        assert named and set(named) <= names, set(named) - names
         assert module.__doc__ and "docs/specification.md" in module.__doc__
 
 
@@ -95,9 +95,9 @@ def test_a_device_matches_as_a_computer_without_odometry(seed, gains):
         counts, LEVELS, memories.mean, design.code_bits,
         [state.paused for state in machine.states], sums,
     )  # fmt: skip
-    known = drive.DriveMap(spec.FilterMap.of(memories), memories.place_bias, memories.activity)
+    drive_map = drive.DriveMap(spec.FilterMap.of(memories), memories.place_bias, memories.activity)
     distances = [[machine.distances(one) for one in of_window] for of_window in codes]
-    windows = drive.windows_of(known, distances, counted)
+    windows = drive.windows_of(drive_map, distances, counted)
     told = [(m.place, m.sum, m.second, m.second_sum, m.ties, m.trust) for m in matches]
     assert len(told) > 30
     assert told == drive.live_matches(windows)
@@ -133,9 +133,9 @@ def test_one_window_of_fifty_may_have_more_events_than_the_limit():
 
 def test_before_the_first_window_nothing_is_known():
     memories, _ = drawn(0, 7)
-    known = spec.FilterMap.of(memories)
+    filter_map = spec.FilterMap.of(memories)
     state = spec.Kept.of(memories).filter
-    paused = spec.advance(known, state, -368, True, [[0] * len(known.activity)] * 3)
-    assert paused.best.found.sum == 0 and paused.trust.trust == 0
+    paused = spec.advance(filter_map, state, -368, True, [[0] * len(filter_map.activity)] * 3)
+    assert paused.best.nearest.sum == 0 and paused.trust.trust == 0
     assert paused.seen.few == 1 and not paused.seen.stands
     assert paused.state.reciprocals == (0, 0, 0)

@@ -162,7 +162,7 @@ def port():
     os.close(host)
 
 
-def asked(board: int) -> int:
+def case_wanted(board: int) -> int:
     """Read how a case begins; return its number."""
     head = b""
     while len(head) < 20:
@@ -179,7 +179,7 @@ def test_a_board_that_asks_and_does_not_read_is_given_up(vectors, port, capsys):
     takes = entry.files["image.bin"].bytes + 8 * entry.events
 
     def does(board: int, over: threading.Event) -> None:
-        os.write(board, struct.pack("<6I", 0, 1, asked(board), READY, 1, takes))
+        os.write(board, struct.pack("<6I", 0, 1, case_wanted(board), READY, 1, takes))
         over.wait()
 
     words = ["golden", "verify", str(vectors.parent / "large"), "--timeout", "0.5"]
@@ -196,7 +196,7 @@ def test_a_board_without_room_for_any_case_is_an_error(vectors, port, capsys, mo
 
     def does(board: int, over: threading.Event) -> None:
         for case in range(number):
-            os.write(board, struct.pack("<6I", 0, 1, asked(board), REFUSED, 1, 70_000 + case))
+            os.write(board, struct.pack("<6I", 0, 1, case_wanted(board), REFUSED, 1, 70_000 + case))
 
     assert main(["golden", "verify", str(vectors), "--port", port(does)]) == 1
     said = capsys.readouterr().err

@@ -93,15 +93,15 @@ def test_pixel_codes_are_one_code_a_counter(seed, kind, bits, counters):
     rng = np.random.default_rng(seed)
     full_scale = 2 ** rng.integers(1, 11, counters) - 1
     counts = rng.integers(0, 2000, (5, counters))
-    found = PixelCodes.scaled(kind, bits, full_scale)
+    pixel_codes = PixelCodes.scaled(kind, bits, full_scale)
     single = [CounterCode(kind, bits, int(full)) for full in full_scale]
     expected = [[code.encode(c) for code, c in zip(single, row, strict=True)] for row in counts]
-    assert found.encode(counts).tolist() == expected
-    assert [found.codes[r] for r in found.row] == single
-    codes = found.encode(counts)
-    assert np.array_equal(found.encode(found.decode(codes)), codes)
+    assert pixel_codes.encode(counts).tolist() == expected
+    assert [pixel_codes.codes[r] for r in pixel_codes.row] == single
+    codes = pixel_codes.encode(counts)
+    assert np.array_equal(pixel_codes.encode(pixel_codes.decode(codes)), codes)
     for j, code in enumerate(single):
-        row = found.tables[found.row[j]]
+        row = pixel_codes.tables[pixel_codes.row[j]]
         assert row[: code.full_scale + 1].tolist() == code.table.tolist()
         assert set(row[code.full_scale :].tolist()) == {code.top}
 
@@ -113,8 +113,8 @@ def test_shared_codes_are_the_code():
 
 @given(st.lists(st.integers(0, 2**18), min_size=1, max_size=40))
 def test_a_learned_full_scale_holds_nine_of_ten_counts_and_no_smaller_one_does(counts):
-    (found,) = learn_full_scale(np.array(counts)[:, None]).tolist()
-    assert found == naive.usual_full_scale(counts)
+    (full_scale,) = learn_full_scale(np.array(counts)[:, None]).tolist()
+    assert full_scale == naive.usual_full_scale(counts)
 
 
 def test_codes_are_packed_without_gaps():

@@ -17,9 +17,9 @@ from fixedpoint.formats import UnsignedFormat
 @given(width=st.integers(1, 40), n=st.integers(1, 10**6))
 def test_a_sum_format_holds_every_sum_and_one_bit_less_does_not(width, n):
     largest = n * (2**width - 1)
-    found = UnsignedFormat(width).sum_of(n)
-    assert 2**found.width > largest
-    assert found.width == 1 or 2 ** (found.width - 1) <= largest
+    of_sum = UnsignedFormat(width).sum_of(n)
+    assert 2**of_sum.width > largest
+    assert of_sum.width == 1 or 2 ** (of_sum.width - 1) <= largest
 
 
 @pytest.mark.parametrize(("bits", "sad", "along"), [(4, 12, 15), (6, 14, 17), (8, 16, 19)])
@@ -31,9 +31,9 @@ def test_the_widths_of_the_design_of_150_pixels_and_sequences_of_ten(bits, sad, 
 
 @given(st.integers(0, 2**64 - 1))
 def test_a_format_holds_the_largest_value_that_it_is_made_for(largest):
-    found = UnsignedFormat.holding(largest)
-    assert found.highest >= largest
-    assert found.width == 1 or UnsignedFormat(found.width - 1).highest < largest
+    holding = UnsignedFormat.holding(largest)
+    assert holding.highest >= largest
+    assert holding.width == 1 or UnsignedFormat(holding.width - 1).highest < largest
 
 
 @given(st.integers(1, 64))

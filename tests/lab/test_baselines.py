@@ -38,11 +38,11 @@ def test_a_baseline_finds_places_that_it_saw(name):
     rng = np.random.default_rng(1)
     reference = places_of(rng)
     queries = rng.binomial(reference, 0.9).astype(np.uint16)
-    found = compare(open_baseline(name, 3), reference, queries)
-    matches = match_distances(found.distances, np.arange(12), SETTINGS)
+    compared = compare(open_baseline(name, 3), reference, queries)
+    matches = match_distances(compared.distances, np.arange(12), SETTINGS)
     assert np.array_equal(matches.place, matches.query)
-    assert found.bytes_per_place > 0 and found.operations > 0
-    assert found.query_us > 0
+    assert compared.bytes_per_place > 0 and compared.operations > 0
+    assert compared.query_us > 0
 
 
 def test_all_baselines_are_named_and_an_unknown_one_is_refused():
@@ -124,7 +124,7 @@ def test_matches_of_a_matrix_are_those_of_the_descriptors():
     matrix = np.array(
         [[naive.sad(a, b) for b in queries.counts.tolist()] for a in places.counts.tolist()], float
     )
-    found = match_distances(matrix, queries.centre_us, SETTINGS)
+    matches = match_distances(matrix, queries.centre_us, SETTINGS)
     for name in ("query", "time_us", "place", "second", "ties", "candidates"):
-        assert np.array_equal(getattr(found, name), getattr(expected, name)), name
-    assert found.ratio == pytest.approx(expected.ratio, abs=1e-6)
+        assert np.array_equal(getattr(matches, name), getattr(expected, name)), name
+    assert matches.ratio == pytest.approx(expected.ratio, abs=1e-6)

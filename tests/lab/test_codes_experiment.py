@@ -32,7 +32,7 @@ def score(pair, seed, variants):
 
 
 @pytest.fixture(scope="module")
-def found(shared_data):
+def scores_by_pair(shared_data):
     return {
         pair.name: [score(pair, seed, VARIANTS) for seed in range(2)]
         for pair in open_pairs(shared_data)
@@ -40,18 +40,18 @@ def found(shared_data):
 
 
 @pytest.mark.slow
-def test_three_bits_of_log_beat_eight_bits_of_count_on_every_pair_of_drives(found):
+def test_three_bits_of_log_beat_eight_bits_of_count_on_every_pair_of_drives(scores_by_pair):
     """What docs/method.md claims, with two draws in place of five."""
-    assert len(found) == 6
-    for name, scores in found.items():
+    assert len(scores_by_pair) == 6
+    for name, scores in scores_by_pair.items():
         right, raw = (np.mean([each[code] for each in scores]) for code in (("log", 3), RAW))
         assert right > raw, name
 
 
 @pytest.mark.slow
-def test_the_figures_quoted_for_brisbane_are_those_of_this_code(found):
+def test_the_figures_quoted_for_brisbane_are_those_of_this_code(scores_by_pair):
     """Nothing is drawn there, so that the figures are the same on every run."""
-    scores = found["Brisbane, 49 px"][0]
+    scores = scores_by_pair["Brisbane, 49 px"][0]
     assert {variant: round(value, 3) for variant, value in scores.items()} == {
         RAW: 0.442,
         ("log", 3): 0.824,

@@ -177,8 +177,8 @@ def test_slices_are_windows(by):
         slicer = tonic.slicers.SliceByEventCount(event_count=7)
         one = np.array([count(array[i : i + 7]) for i in range(0, 196, 7)])
     sliced = tonic.SlicedDataset([(array, "a"), (array, "b")], slicer, transform=count)
-    found = np.array([counts for counts, _ in sliced])
-    np.testing.assert_array_equal(found, np.concatenate([one, one]))
+    counts_of_slices = np.array([counts for counts, _ in sliced])
+    np.testing.assert_array_equal(counts_of_slices, np.concatenate([one, one]))
     assert [target for _, target in sliced] == ["a"] * len(one) + ["b"] * len(one)
 
 
@@ -372,7 +372,7 @@ def test_qcr_traverses_of_two_speeds_have_the_truth_of_their_landmarks(datasets,
     assert reference["t"][-1] == 163 * SECOND - 100_000
     place, moment = (np.arange(n) * SECOND + SECOND // 2 for n in (163, 263))
     truth = from_tracks(there.track, here.track, place, moment, 3.0)
-    assert truth.known.all()
+    assert truth.has_truth.all()
     assert truth.has_place.all()
     # the fourth landmark is passed at 58 s and, slowly, at 110 s
     assert truth.correct[57, 109]

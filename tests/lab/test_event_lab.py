@@ -108,9 +108,9 @@ def test_event_lab_gets_a_finite_matrix_of_references_by_queries(baseline, drive
     earlier.parent.mkdir(parents=True)
     earlier.write_bytes(b"of an earlier run")
     run_as_event_lab(baseline, CONFIG, DATA_SET, drives, str(truth))
-    (names, (matrix,), given, more) = baseline.evaluated
+    (names, (matrix,), truth_matrix, more) = baseline.evaluated
     assert names == ["edge_vpr"]
-    assert matrix.shape == given.shape
+    assert matrix.shape == truth_matrix.shape
     assert np.isfinite(matrix).all()
     assert more["matrix_type"] == "distance"
     assert baseline.saved[2:] == ("edge_vpr", "sunset1_sunset2")

@@ -199,8 +199,8 @@ def labels(drawing):
 
 def test_one_reliability_is_drawn_without_a_name_and_two_with_theirs():
     rng = np.random.default_rng(0)
-    given = rng.random(200)
-    one = reliability(given, rng.random(200) < given)
+    probability = rng.random(200)
+    one = reliability(probability, rng.random(200) < probability)
     (axes,) = (drawing := reliability_diagram({"matches": one})).axes
     error = f"expected calibration error {one.expected_calibration_error:.3f}"
     assert axes.get_title() == f"Reliability: {error}"
@@ -215,11 +215,11 @@ def test_one_reliability_is_drawn_without_a_name_and_two_with_theirs():
 def test_the_axis_of_precision_goes_from_0_to_1_at_most(least):
     """And no further down than the curve needs."""
     curve = SimpleNamespace(recall=np.array([0.0, 1.0]), precision=np.array([1.0, least]))
-    found = SimpleNamespace(
+    evaluation = SimpleNamespace(
         curve=curve, precision_at_100_recall=least, recall_at_99_precision=0.0, score="trust",
         findable=2, recall_denominator="rejected-correct",
     )  # fmt: skip
-    (axes,) = precision_recall({"a": found}).axes
+    (axes,) = precision_recall({"a": evaluation}).axes
     low, high = axes.get_ylim()
     assert 0.0 <= low <= least and 1.0 <= high <= 1.03
     assert low > 0.4 or least < 0.5

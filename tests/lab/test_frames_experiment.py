@@ -85,8 +85,8 @@ def test_simulated_frames_are_taken_in_the_middle_of_the_windows(monkeypatch):
     ):
         assert np.array_equal(counted.centre_us, framed.centre_us)
         assert framed.images.shape == counted.images.shape and framed.images.dtype == np.uint8
-    found = {(row["seen"], row["system"]) for row in frames.measure(Draw(pair, 1, False))}
-    assert not {("events", "all pixels"), ("frames", "patch-normalised")} & found
+    systems = {(row["seen"], row["system"]) for row in frames.measure(Draw(pair, 1, False))}
+    assert not {("events", "all pixels"), ("frames", "patch-normalised")} & systems
 
 
 def test_own_drives_that_are_incomplete_say_what_is_missing(tmp_path):

@@ -36,8 +36,8 @@ LUMA = np.array([[luma(*pixel) for pixel in row] for row in COLOUR])
 
 
 def times_and_images(frames):
-    found = list(frames)
-    return [f.time_us for f in found], [f.image.tolist() for f in found]
+    listed = list(frames)
+    return [f.time_us for f in listed], [f.image.tolist() for f in listed]
 
 
 def ros_image(ros, encoding, pixels, stamp_us, big_endian=False, padding=0):
@@ -73,12 +73,14 @@ def write_bag(path, ros, messages):
     """A bag of (topic, type, serialised message)."""
     module = pytest.importorskip(f"rosbags.rosbag{ros}", reason="rosbags is not installed")
     with module.Writer(path) if ros == 1 else module.Writer(path, version=9) as writer:
-        known = {}
+        connections = {}
         for i, (topic, kind, data) in enumerate(messages):
-            if topic not in known:
+            if topic not in connections:
                 digest = {"md5sum": "0" * 32} if ros == 1 else {"rihs01": "RIHS01_" + "0" * 64}
-                known[topic] = writer.add_connection(topic, kind, msgdef="uint8 x\n", **digest)
-            writer.write(known[topic], 10**18 + i, data)
+                connections[topic] = writer.add_connection(
+                    topic, kind, msgdef="uint8 x\n", **digest
+                )
+            writer.write(connections[topic], 10**18 + i, data)
     return path
 
 
@@ -101,9 +103,9 @@ def test_images_of_a_bag_are_those_written_in_every_encoding(ros, tmp_path):
     ]
     messages = [("/dvs/image_raw", IMAGE, data) for data in written]
     path = write_bag(tmp_path / ("a.bag" if ros == 1 else "a"), ros, messages)
-    found = open_intensity(path)
-    times, images = times_and_images(found)
-    assert times == [START + 40_000 * i for i in range(6)] and found.start_us == START
+    intensity = open_intensity(path)
+    times, images = times_and_images(intensity)
+    assert times == [START + 40_000 * i for i in range(6)] and intensity.start_us == START
     expected = [GREY[0], LUMA, LUMA, GREY[1], GREY[1], GREY[2]]
     assert images == [image.tolist() for image in expected]
 
@@ -116,8 +118,8 @@ def test_images_beside_events_count_from_the_first_event(tmp_path):
         1,
         [("/dvs/events", "dvs_msgs/msg/EventArray", events), ("/dvs/image_raw", IMAGE, image)],
     )
-    found = open_intensity(path)
-    assert found.has_events and found.start_us == START + 5
+    intensity = open_intensity(path)
+    assert intensity.has_events and intensity.start_us == START + 5
 
 
 @pytest.mark.parametrize(
@@ -148,11 +150,11 @@ def test_a_bag_needs_one_topic_of_images(tmp_path):
 def test_a_folder_of_png_named_by_their_seconds_is_read_in_their_order(tmp_path):
     for i, name in enumerate(("1587452593.4", "1587452593.35", "1587452602.000001")):
         Image.fromarray(GREY[i]).save(tmp_path / f"{name}.png")
-    found = open_intensity(tmp_path)
-    times, images = times_and_images(found)
+    intensity = open_intensity(tmp_path)
+    times, images = times_and_images(intensity)
     assert times == [1_587_452_593_350_000, 1_587_452_593_400_000, 1_587_452_602_000_001]
     assert images == [GREY[i].tolist() for i in (1, 0, 2)]
-    assert found.start_us == times[0] and not found.has_events
+    assert intensity.start_us == times[0] and not intensity.has_events
 
 
 def test_a_folder_takes_its_times_from_a_list(tmp_path):
@@ -200,8 +202,8 @@ def test_the_frame_of_a_moment_is_the_nearest_one(seed):
     rng = np.random.default_rng(seed)
     times = np.sort(rng.integers(0, 300, 40)) + 50
     wanted = np.sort(rng.integers(0, 300, 15))
-    images, found = frames_at(Listed(times.tolist(), 50), wanted, 300)
-    for moment, image, at in zip(wanted.tolist(), images, found.tolist(), strict=True):
+    images, nearest_us = frames_at(Listed(times.tolist(), 50), wanted, 300)
+    for moment, image, at in zip(wanted.tolist(), images, nearest_us.tolist(), strict=True):
         nearest = min(range(len(times)), key=lambda i: (abs(int(times[i]) - 50 - moment), i))
         assert abs(at - moment) == abs(int(times[nearest]) - 50 - moment)
         assert times[image[0, 0]] - 50 == at == times[nearest] - 50
@@ -270,8 +272,8 @@ def test_damaged_images_raise_our_errors_alone(kind, tmp_path):
             data[at] = rng.choice([0, 1, 0x7F, 0xFF, rng.integers(256)])
         path.write_bytes(data)
         try:
-            found = list(open_intensity(path.parent if kind == "png" else path))
-            assert all(frame.image.dtype == np.uint8 for frame in found)
+            frames = list(open_intensity(path.parent if kind == "png" else path))
+            assert all(frame.image.dtype == np.uint8 for frame in frames)
         except EdgeVprError:
             refused += 1
     assert refused > 10

@@ -43,10 +43,10 @@ TENSORS = {
 }
 
 
-def assert_equal(found, tensors):
-    assert found.keys() == tensors.keys()
+def assert_equal(loaded, tensors):
+    assert loaded.keys() == tensors.keys()
     for name, tensor in tensors.items():
-        assert found[name].dtype == tensor.dtype and np.array_equal(found[name], tensor)
+        assert loaded[name].dtype == tensor.dtype and np.array_equal(loaded[name], tensor)
 
 
 def test_a_file_of_safetensors_is_read_as_it_was_written(tmp_path):
@@ -147,10 +147,10 @@ def test_lens_spikes_as_its_loop_does(seed, thresholds):
     rng = np.random.default_rng(seed)
     weights = lens_weights(rng, 5)
     images = rng.integers(0, 300, (4, *rng.integers(3, 20, 2)))
-    found = Lens(weights, seed, steps=25, thresholds=thresholds).describe(images)
+    spikes = Lens(weights, seed, steps=25, thresholds=thresholds).describe(images)
     layers = (weights.feature.tolist(), weights.output.tolist())
     expected = naive_lens(images, *layers, 25, thresholds, seed, 3)
-    assert found.tolist() == expected and np.any(found)
+    assert spikes.tolist() == expected and np.any(spikes)
 
 
 def test_lens_is_the_network_that_pytorch_and_its_layers_compute():
@@ -158,11 +158,11 @@ def test_lens_is_the_network_that_pytorch_and_its_layers_compute():
     torch = pytest.importorskip("torch", reason="torch is not installed (extra torch)")
     weights = lens_weights(np.random.default_rng(3), 4)
     image = np.full((1, 3, 3), 255)  # each pixel spikes in each step
-    found = Lens(weights, 0, steps=1, thresholds=(1 / 64, 1 / 64)).describe(image)
+    spikes = Lens(weights, 0, steps=1, thresholds=(1 / 64, 1 / 64)).describe(image)
     with torch.no_grad():
         hidden = torch.relu(torch.ones(9) @ torch.from_numpy(weights.feature).T * 64)
         expected = torch.relu(hidden @ torch.from_numpy(weights.output).T * 64)
-    assert found[0].tolist() == expected.tolist()
+    assert spikes[0].tolist() == expected.tolist()
 
 
 def test_lens_with_weights_of_a_file_finds_the_place_with_the_most_spikes(tmp_path):
@@ -182,10 +182,10 @@ def test_lens_with_weights_of_a_file_finds_the_place_with_the_most_spikes(tmp_pa
          "output_layer.w.weight": output},
     )  # fmt: skip
     baseline = open_baseline(f"lens:{path}", 4)
-    found = compare(baseline, images, images)
-    assert np.array_equal(found.distances.argmin(axis=0), np.arange(places))
-    assert found.bytes_per_place == 4 * (feature.size + output.size) // places
-    assert found.operations == 1000 * (feature.size + output.size)
+    compared = compare(baseline, images, images)
+    assert np.array_equal(compared.distances.argmin(axis=0), np.arange(places))
+    assert compared.bytes_per_place == 4 * (feature.size + output.size) // places
+    assert compared.operations == 1000 * (feature.size + output.size)
     with pytest.raises(UsageError, match="of 8 places, and the reference has 7 windows"):
         baseline.prepare(images[:7])
     with pytest.raises(UsageError, match="images of 3x3 pixels for weights of a grid of 4x4"):
@@ -280,11 +280,14 @@ def test_a_model_describes_scaled_images_in_any_batch(batch, tmp_path):
     grey = rng.integers(0, 256, (11, 4, 6)).astype(np.uint8)
     for images, values in ((counts, scaled), (grey, grey / 255)):
         inputs = np.repeat(values[:, None], 3, axis=1).reshape(11, -1)
-        found = baseline.describe(images)
-        assert found == pytest.approx(inputs.astype(np.float32) @ weights, abs=1e-4)
-        assert baseline.bits_per_place(found) == 320 and baseline.operations_per_place(found) == 10
-    distances = baseline.distances(found, found)
-    a, b = found[2].tolist(), found[7].tolist()
+        described = baseline.describe(images)
+        assert described == pytest.approx(inputs.astype(np.float32) @ weights, abs=1e-4)
+        assert (
+            baseline.bits_per_place(described) == 320
+            and baseline.operations_per_place(described) == 10
+        )
+    distances = baseline.distances(described, described)
+    a, b = described[2].tolist(), described[7].tolist()
     product = sum(x * y for x, y in zip(a, b, strict=True))
     scale = math.hypot(*a) * math.hypot(*b)
     assert distances[2, 7] == pytest.approx(1 - product / scale)
@@ -298,8 +301,8 @@ def test_a_model_of_random_weights_finds_places_alone_and_in_an_ensemble(tmp_pat
     reference = places_of(rng)
     queries = rng.binomial(reference, 0.9).astype(np.uint16)
     for name in (f"model:{path}", f"model:{path}@1,2", f"model:{path}+patch-normalised"):
-        found = compare(open_baseline(name), reference, queries)
-        matches = match_distances(found.distances, np.arange(12), SETTINGS)
+        compared = compare(open_baseline(name), reference, queries)
+        matches = match_distances(compared.distances, np.arange(12), SETTINGS)
         assert np.array_equal(matches.place, matches.query), name
 
 

@@ -20,8 +20,8 @@ def test_a_position_is_compared_with_the_track_at_the_end_of_its_window(monkeypa
     mapped = with_positions(ReferenceMap.build(reference, pixels=20), track)
     end_s = np.arange(1, len(mapped) // 2)
     place, accepted = 2 * (end_s - 1), end_s != 1
-    found = position.Live((end_s - 1) * 1_000_000, end_s * 1_000_000, place, accepted)
-    monkeypatch.setattr(position, "live_matches", lambda mapped, drive: found)
+    live = position.Live((end_s - 1) * 1_000_000, end_s * 1_000_000, place, accepted)
+    monkeypatch.setattr(position, "live_matches", lambda mapped, drive: live)
     tracks = Tracks(track, track)
     driven = position.Driven("", reference, reference, tracks, "variance", (20,))
     rows = position.positions_of(mapped, driven)

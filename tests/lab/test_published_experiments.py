@@ -100,11 +100,11 @@ def test_qcr_traverses_are_pairs_too(tmp_path):
         # from the first event on, before the robot set off
         times = start + np.arange(200) * SECOND
         write_parquet(tmp_path / traverse.file_name("parquet"), times)
-    found = drive_pairs.whole_pairs(tmp_path)
-    assert [pair.drives for pair in found] == [
+    pairs = drive_pairs.whole_pairs(tmp_path)
+    assert [pair.drives for pair in pairs] == [
         "QCR, fast1 against normal1", "QCR, slow1 against normal1",
     ]  # fmt: skip
-    reference, fast = (fixed_number.extent(d) for d in (found[0].reference, found[0].query))
+    reference, fast = (fixed_number.extent(d) for d in (pairs[0].reference, pairs[0].query))
     # an event a second, from 2 s to 165 s and from 7.7 s to 72.2 s
     assert (reference.events, fast.events) == (163, 65)
     assert fast.duration_us / reference.duration_us == pytest.approx(64 / 162)
@@ -150,12 +150,12 @@ def test_a_promise_is_kept_up_to_the_edge_of_the_exclusion_zone_and_no_further()
     zone = trust.in_zone(truth, 1)
     assert np.flatnonzero(zone.correct[:, 0]).tolist() == [1, 2, 3]
     assert np.flatnonzero(zone.correct[:, 1]).tolist() == [0, 1, 5, 6, 7]
-    assert not zone.correct[:, 2].any() and np.array_equal(zone.known, truth.known)
+    assert not zone.correct[:, 2].any() and np.array_equal(zone.has_truth, truth.has_truth)
     frames = replace(truth, positions=replace(positions, unit="frames"))
     assert np.flatnonzero(trust.in_zone(frames, 1).correct[:, 1]).tolist() == [0, 1, 5, 6, 7]
     nearer = replace(positions, query=np.array([[61.0], [1.0], [np.nan]]), unit="frames")
-    found = trust.in_zone(replace(truth, positions=nearer), 1).correct[:, 1]
-    assert np.flatnonzero(found).tolist() == [0, 1]
+    promised = trust.in_zone(replace(truth, positions=nearer), 1).correct[:, 1]
+    assert np.flatnonzero(promised).tolist() == [0, 1]
 
 
 def test_published_traverses_are_compared_by_every_system_at_both_tolerances(downloads):
@@ -228,14 +228,14 @@ def test_a_dry_run_lists_every_file_and_finds_those_that_are_not_the_published_o
         first, *others = (
             replace(each, size=None, sha256="") for each in datasets.BRISBANE_TRAVERSES
         )
-        known = (replace(first, size=len(content), sha256=sha256), *others), datasets.BRISBANE_M
-        monkeypatch.setitem(datasets.DATA_SETS, "Brisbane", known)
+        data_set = (replace(first, size=len(content), sha256=sha256), *others), datasets.BRISBANE_M
+        monkeypatch.setitem(datasets.DATA_SETS, "Brisbane", data_set)
         assert main(["rivals", "--data", str(downloads), "--dry-run"]) == code
         assert ("another SHA-256 than published" in capsys.readouterr().err) == bool(code)
 
 
 def test_a_missing_folder_for_the_tables_is_an_error_before_any_work(tmp_path, capsys, monkeypatch):
-    def work(*given):
+    def work(*arguments):
         raise AssertionError("it was run")
 
     monkeypatch.setattr("lab.__main__.learn", work)

@@ -94,11 +94,11 @@ def test_150_varying_pixels_recognise_the_walks_and_the_oracle_agrees(walks, sha
                 pair.settings.sequence_length,
                 pair.settings.sequence_length // 2,
             )
-            found = trial.evaluation
+            evaluation = trial.evaluation
             assert expected == (
-                found.precision_at_100_recall,
-                found.recall_at_99_precision,
-                found.recall_at[25],
+                evaluation.precision_at_100_recall,
+                evaluation.recall_at_99_precision,
+                evaluation.recall_at[25],
             )
     assert np.mean(shares) >= 0.90
 
@@ -131,12 +131,12 @@ def test_the_online_matches_of_a_walk_are_the_offline_ones_and_never_drift(walks
     reference = ReferenceMap.build(walks[0], settings)
     batch = reference.match(walks[1]).matches
     online = Localiser(reference, every=MatchSchedule.window(settings))
-    found = np.concatenate([online.update(events) for events in walks[1]])
+    rows = np.concatenate([online.update(events) for events in walks[1]])
     # of the newest window of a sequence, and of the middle one
-    assert np.array_equal(found["place"], batch.place + 1)
-    assert np.array_equal(found["second"], np.where(batch.second < 0, -1, batch.second + 1))
+    assert np.array_equal(rows["place"], batch.place + 1)
+    assert np.array_equal(rows["second"], np.where(batch.second < 0, -1, batch.second + 1))
     for name in ("distance", "second_distance"):
-        assert np.array_equal(found[name], getattr(batch, name)), name
+        assert np.array_equal(rows[name], getattr(batch, name)), name
 
     every_event = Localiser(reference)
     for events in list(walks[1])[:5]:
@@ -158,7 +158,7 @@ def test_a_drive_by_day_is_aligned_with_the_map_of_an_evening(shared_data, eveni
     place, _ = align(route, count_places(recording, route.pixel_map, route.settings))
     centres = (np.arange(place.size) * 1_000_000) + 500_000
     truth = from_tracks(*tracks, route.places.centre_us, centres, 70.0)
-    judged = np.flatnonzero((place >= 0) & truth.known)
+    judged = np.flatnonzero((place >= 0) & truth.has_truth)
     assert (place >= 0).mean() >= 0.78
     assert truth.correct[place[judged], judged].mean() >= 0.97
     with pytest.raises(UsageError, match="of the route, and the rest would be found less often"):
@@ -204,12 +204,12 @@ def test_the_shipped_probabilities_are_as_far_off_as_they_were_on_each_drive(sha
     for how, most in zip((LIVE, SMOOTHED), ERRORS[name], strict=True):
         changed = mapped.with_settings(calibration.MATCHINGS[how])
         matches = changed.match()
-        known = mapped.truth.known[matches.query]
-        correct = mapped.truth.correct[matches.place, matches.query][known]
-        given = matches.probability[known]
-        assert reliability(given, correct).expected_calibration_error < most, how
+        has_truth = mapped.truth.has_truth[matches.query]
+        correct = mapped.truth.correct[matches.place, matches.query][has_truth]
+        probability = matches.probability[has_truth]
+        assert reliability(probability, correct).expected_calibration_error < most, how
         if name.startswith("Brisbane"):
-            assert given.mean() < correct.mean(), how
+            assert probability.mean() < correct.mean(), how
 
 
 @pytest.mark.slow
@@ -225,6 +225,6 @@ def test_matches_are_accepted_where_a_drive_leaves_the_map_only_if_they_are_sure
     # a car that stands at a light off the map saw the same at the end of the route
     cut = calibration.sample(without_places(mapped, 220, 330))
     accepted = cut.trust >= default_confidence(smooth).least_trust(0.99)
-    found = evaluate_rejection(cut.trust, cut.correct, cut.has_place, accepted)
-    assert found.found_at_99_precision > 0.8 and found.off_map_auroc > 0.9
-    assert found.precision > precision and found.recall > recall
+    rejection = evaluate_rejection(cut.trust, cut.correct, cut.has_place, accepted)
+    assert rejection.found_at_99_precision > 0.8 and rejection.off_map_auroc > 0.9
+    assert rejection.precision > precision and rejection.recall > recall

@@ -64,9 +64,11 @@ def test_the_shift_is_found_and_the_matches_are_as_without_it(shift, changes):
     chosen = CHOSEN.replaced(changes, "test")
     mapped = ReferenceMap.build(Counted(seen(world, 0, 0)), chosen)
     query = Counted(seen(world + rng.integers(0, 3, world.shape), *shift))
-    moved, found = register(mapped, query)
-    assert (found.dx, found.dy) == shift and (moved is mapped) == (shift == (0, 0))
-    assert found.windows == WINDOWS and found.likeness >= found.likeness_unmoved
+    moved, registration = register(mapped, query)
+    assert (registration.dx, registration.dy) == shift and (moved is mapped) == (shift == (0, 0))
+    assert (
+        registration.windows == WINDOWS and registration.likeness >= registration.likeness_unmoved
+    )
     matches = moved.match(query).matches
     off = np.abs(matches.place.astype(np.int64) - matches.query)
     assert off.max() <= 1 and (off == 0).mean() > 0.9
@@ -95,8 +97,8 @@ def test_the_likeness_is_the_oracles_to_the_bit():
 def test_a_shift_that_is_not_clear_moves_nothing():
     rng = np.random.default_rng(5)
     mapped = ReferenceMap.build(Counted(seen(scenes(rng), 0, 0)), CHOSEN)
-    moved, found = register(mapped, Counted(seen(scenes(rng), 0, 0)))  # another world
-    assert moved is mapped and (found.dx, found.dy) == (0, 0)
+    moved, registration = register(mapped, Counted(seen(scenes(rng), 0, 0)))  # another world
+    assert moved is mapped and (registration.dx, registration.dy) == (0, 0)
 
 
 def test_what_belongs_to_the_pixels_of_the_sensor_does_not_hold_the_map_back():
@@ -104,8 +106,8 @@ def test_what_belongs_to_the_pixels_of_the_sensor_does_not_hold_the_map_back():
     rng = np.random.default_rng(6)
     world, pattern = scenes(rng), rng.integers(0, 60, (SENSOR.height, SENSOR.width))
     mapped = ReferenceMap.build(Counted(seen(world, 0, 0) + pattern), CHOSEN)
-    _, found = register(mapped, Counted(seen(world, 2, -1) + pattern))
-    assert (found.dx, found.dy) == (2, -1)
+    _, registration = register(mapped, Counted(seen(world, 2, -1) + pattern))
+    assert (registration.dx, registration.dy) == (2, -1)
 
 
 @pytest.mark.parametrize("window", ["time", "count"])
@@ -115,13 +117,13 @@ def test_events_are_registered_too(window):
     chosen = CHOSEN.replaced({"window": window}, "test")
     mapped = ReferenceMap.build(drive(rng, seen(world, 0, 0)), chosen)
     query = drive(rng, seen(world, -2, 1))
-    moved, found = register(mapped, query)
-    assert (found.dx, found.dy) == (-2, 1)
+    moved, registration = register(mapped, query)
+    assert (registration.dx, registration.dy) == (-2, 1)
     kept = moved.places
     if window == "count":
         # windows of this world are as long as in the reference, which has other pixels
-        wanted, given = kept.counts.sum() / len(kept), moved.settings.events_per_window
-        assert abs(given - wanted) <= 1
+        wanted, of_map = kept.counts.sum() / len(kept), moved.settings.events_per_window
+        assert abs(of_map - wanted) <= 1
     else:
         matches = moved.match(query).matches
         assert (np.abs(matches.place.astype(int) - matches.query) <= 1).mean() > 0.9

@@ -174,7 +174,7 @@ def test_some_published_pixels_are_laid_out_for_systems_that_compare_neighbours(
               for drive in (pair.reference, pair.query)]  # fmt: skip
     padded = [replace(drive, images=np.pad(drive.images, ((0, 0), (0, 0), (0, 1))))
               for drive in (pair.reference, pair.query)]  # fmt: skip
-    found, expected = (
+    measured, expected = (
         {(row["system"], row["matching"]): (row["R@99P"], row["bytes per place"])
          for row in rows_of_contest(
              replace(pair, reference=first, query=second), systems=("patch-normalised@1,2",))
@@ -182,7 +182,7 @@ def test_some_published_pixels_are_laid_out_for_systems_that_compare_neighbours(
         for first, second in (listed, padded)
     )  # fmt: skip
     # one that the user adds gets the same images as ours
-    assert len(found) == 3 * len(rivals.decoders(5)) and found == expected
+    assert len(measured) == 3 * len(rivals.decoders(5)) and measured == expected
 
 
 def test_the_default_among_rivals_is_the_default_of_a_map():
@@ -199,10 +199,10 @@ def test_the_default_among_rivals_is_the_default_of_a_map():
         ("place filter, live", {"smooth": False}),
     ):
         expected = mapped.match(windows[1], **changes).matches
-        found = ours.match(rivals.decoders(5)[name].settings, slice(None))
-        assert np.array_equal(found.place, expected.place), name
-        assert np.array_equal(found.trust, expected.trust), name
-        assert np.array_equal(found.lost, expected.lost), name
+        matches = ours.match(rivals.decoders(5)[name].settings, slice(None))
+        assert np.array_equal(matches.place, expected.place), name
+        assert np.array_equal(matches.trust, expected.trust), name
+        assert np.array_equal(matches.lost, expected.lost), name
 
 
 def test_the_filter_takes_given_distances_as_it_takes_those_of_codes():
@@ -227,10 +227,10 @@ def test_the_filter_takes_given_distances_as_it_takes_those_of_codes():
         expected = match_by_filter(
             place_filter, ReferenceIndex(places.counts), queries, settings, Acceptance.of(settings)
         )
-        found = filter_distances(distances.astype(float), activity, queries.centre_us, settings)
-        assert np.array_equal(found.place, expected.place)
-        assert np.array_equal(found.trust, expected.trust)
-        assert np.array_equal(found.lost, expected.lost)
+        matches = filter_distances(distances.astype(float), activity, queries.centre_us, settings)
+        assert np.array_equal(matches.place, expected.place)
+        assert np.array_equal(matches.trust, expected.trust)
+        assert np.array_equal(matches.lost, expected.lost)
 
 
 @pytest.mark.parametrize("matching", ["filter", "sequence"])
@@ -258,8 +258,8 @@ def test_a_simulated_street_is_counted_by_events(monkeypatch):
     settings = pair.settings.replaced({"sequence_length": 1}, "test")
     names = ("all-pixels", "active-pixels")
     systems = [(name, open_baseline(name)) for name in names]
-    found = frames.compare_systems(replace(pair, settings=settings), systems)
-    assert [row["system"] for row in found] == list(names)
+    rows = frames.compare_systems(replace(pair, settings=settings), systems)
+    assert [row["system"] for row in rows] == list(names)
 
 
 @pytest.mark.parametrize("published", [True, False])
@@ -327,12 +327,12 @@ def test_the_filter_with_the_default_constants_is_the_default():
     rng = np.random.default_rng(2)
     noisy = replace(drive.counted, counts=rng.permuted(drive.counted.counts, axis=1))
     drive = replace(drive, counted=noisy)
-    found = sensitivity.match_with(drive, sensitivity.Constants())
-    assert np.array_equal(found, drive.coded(robot).match().place)
+    places = sensitivity.match_with(drive, sensitivity.Constants())
+    assert np.array_equal(places, drive.coded(robot).match().place)
     for constant in sensitivity.VARIED:
         times = 1 / 64 if constant == "doubted" else 0.25
         other = sensitivity.match_with(drive, sensitivity.Constants(**{constant: times}))
-        changed = not np.array_equal(other, found)
+        changed = not np.array_equal(other, places)
         assert changed or constant == "cap", constant
     restart = sensitivity.match_with(drive, sensitivity.Constants(restart=0.5))
     assert np.array_equal(restart, drive.coded({**robot, "filter_restart": 8}).match().place)

@@ -59,15 +59,15 @@ class Seeded:
 @cache
 def good_streams(device):
     """What a device sends, of 40 short recordings whose times make steps of all sizes."""
-    rng, found = np.random.default_rng(7), []
+    rng, streams = np.random.default_rng(7), []
     for _ in range(40):
         n = int(rng.integers(1, 120))
         steps = rng.choice(_STEPS_US, n, p=(0.3, 0.3, 0.2, 0.196, 0.001, 0.001, 0.001, 0.001))
         pixels = rng.integers(0, 128, (2, n))
         encoder = open_encoder(device, SENSOR)
         events = make_events(np.cumsum(steps), *pixels, rng.integers(0, 2, n))
-        found.append(encoder.start() + encoder.encode(events))
-    return found
+        streams.append(encoder.start() + encoder.encode(events))
+    return streams
 
 
 @cache

@@ -295,8 +295,8 @@ def decode(host: str, sent: Sent, received: bytes, origin: Longs, piece: int = P
         right, wrong = right + int(good.sum()), wrong + int((~good).sum())
     missed = tellable & ~delivered
     if health.accounting == "exact" and health.device_resets == 0 and delivered.any():
-        known = np.flatnonzero(delivered)[[0, -1]]
-        assert health.decoded + health.lost == known[1] - known[0] + 1, health
+        first_and_last = np.flatnonzero(delivered)[[0, -1]]
+        assert health.decoded + health.lost == first_and_last[1] - first_and_last[0] + 1, health
     away = where[sent.since[missed]] - run[where[sent.since[missed]]]
     return Outcome(n, int(intact.sum()), right, wrong, int(missed.sum()),
                    int(away.max(initial=-1)) + 1, decoder.health)  # fmt: skip

@@ -50,18 +50,18 @@ class Separate:
 
     def match(self, events, reached, *, last=False):
         localiser, bursts, matches = self.localiser, self.bursts, []
-        kept, known = events, reached
+        kept, complete_us = events, reached
         if bursts is not None:
             held = [bursts.update(event) for event in split_events(events, range(1, events.size))]
             held.append(bursts.finish() if last else bursts.advance(reached))
-            kept, known = join_events(held), min(reached, bursts.known_us)
+            kept, complete_us = join_events(held), min(reached, bursts.complete_us)
         for i in range(kept.size):
             self.come_to(int(kept["t"][i]))
             matches.append(localiser.update(kept[i : i + 1]))
-        if known > self.time:
-            self.come_to(known)
-            if localiser.next_match_us <= known and localiser.every.interval_us:
-                matches.append(localiser.advance(known))
+        if complete_us > self.time:
+            self.come_to(complete_us)
+            if localiser.next_match_us <= complete_us and localiser.every.interval_us:
+                matches.append(localiser.advance(complete_us))
         self.log.append((reached, self.losses()))
         return np.concatenate(matches) if matches else np.empty(0)
 
@@ -84,7 +84,7 @@ class Separate:
         windows = self.reference.settings.windows_per_match
         begin_us = match["time_us"] - windows * (match["time_us"] - match["start_us"])
         before, long_before = (
-            max(known for at, known in self.log if at <= time_us)
+            max(reached for at, reached in self.log if at <= time_us)
             for time_us in (max(begin_us, -1), max(begin_us - LOSS_STEP_US, -1))
         )
         assert 0 <= missing <= 1
@@ -186,13 +186,13 @@ def test_a_stream_gives_the_results_of_its_events_whatever_comes_and_however_it_
     sent = a_stream(rng, device)
     for data in cut(rng, sent, whole):
         lost = int(rng.random() < 0.02)
-        found = live.feed(data, 0, dropped=lost)
+        result = live.feed(data, 0, dropped=lost)
         events, matches = separate.feed(data, lost)
-        assert found.events.tolist() == events.tolist()
-        assert found.rows.tobytes() == matches.tobytes()
+        assert result.events.tolist() == events.tolist()
+        assert result.rows.tobytes() == matches.tobytes()
         assert live.decoder.health == separate.decoder.health
         assert balanced(live.decoder.health)
-        for match, located in zip(matches, found.matches, strict=True):
+        for match, located in zip(matches, result.matches, strict=True):
             separate.check_missing(match, located.missing)
     assert live.bursts_removed == (separate.bursts.removed if remove_bursts else 0)
     last = live.finish()
@@ -215,8 +215,8 @@ def test_time_of_dropped_bytes_has_no_matches_if_the_next_piece_has_no_whole_eve
     live = StreamMatcher(open_decoder("evt2", SENSOR), reference, every)
     live.feed(before, 0)
     pieces = [after[:first], after[first:]] if first else [after]
-    found = [live.feed(piece, 0, dropped=100 * (not i)).rows for i, piece in enumerate(pieces)]
-    times = np.concatenate([each["time_us"] for each in found])
+    rows = [live.feed(piece, 0, dropped=100 * (not i)).rows for i, piece in enumerate(pieces)]
+    times = np.concatenate([each["time_us"] for each in rows])
     assert times.size
     assert times.min() >= 100_000
 

@@ -58,9 +58,9 @@ def live_matches(reference, events, device, restarts, gap_s):
         data = encoder.encode(piece)
         if away:
             continue
-        found = live.feed(data, host_us)
-        for match in found.matches:
-            then_us = host_us - (found.reached_us - match.time_us)
+        result = live.feed(data, host_us)
+        for match in result.matches:
+            then_us = host_us - (result.reached_us - match.time_us)
             rows.append((then_us, match.along_m, not match.lost))
     return [np.array(column) for column in zip(*rows, strict=True)]
 
@@ -101,10 +101,10 @@ def test_unseen_time_is_the_same_however_the_stream_is_cut():
     whole = UnseenTime(FixedTime(100)).feed(times)
     assert {halves for _, halves in whole} == {1, 4}
     for pieces in (2, 7, 500):
-        unseen, found = UnseenTime(FixedTime(100)), []
+        unseen, gaps = UnseenTime(FixedTime(100)), []
         for piece in np.array_split(times, pieces):
             # a frame without events may say how late it is
-            found += unseen.until(int(piece[0])) if rng.random() < 0.5 else []
-            found += unseen.feed(piece)
-        assert found == whole
+            gaps += unseen.until(int(piece[0])) if rng.random() < 0.5 else []
+            gaps += unseen.feed(piece)
+        assert gaps == whole
     assert UnseenTime(FixedCount(10)).feed(times) == []

@@ -457,7 +457,7 @@ def fed(pipe, reader, number):
 def test_whatever_the_caller_does_the_thread_reads_and_nothing_is_lost_or_changes_places():
     pipe = Pipe()
     reader = LinkReader(lambda: pipe)
-    rng, sent, found = random.Random(5), [], []
+    rng, sent, received = random.Random(5), [], []
     for number in range(60):
         data = b"%d," % number
         pipe.fill(data)
@@ -466,12 +466,12 @@ def test_whatever_the_caller_does_the_thread_reads_and_nothing_is_lost_or_change
             time.sleep(0.08)
         if rng.random() < 0.7:
             chunk = reader.take(rng.choice([0, 0.001, 0.2]))
-            found.append(b"" if chunk is None else chunk.data)
+            received.append(b"" if chunk is None else chunk.data)
     time.sleep(0.2)
     assert not pipe.waiting  # it is read while the caller sleeps
     while (chunk := reader.take(0.2)) is not None:
-        found.append(chunk.data)
-    assert b"".join(found) == b"".join(sent)
+        received.append(chunk.data)
+    assert b"".join(received) == b"".join(sent)
     reader.stop()
     assert len(set(pipe.readers)) == 1
 
@@ -557,9 +557,9 @@ def test_a_mistake_of_ours_under_the_caller_ends_the_reader_and_is_told():
 )
 def test_a_port_is_waited_for_whatever_its_name_and_a_file_is_not(address, is_waited_for, tmp_path):
     """A dot in its name made a port by path a file."""
-    with pytest.raises(LinkError) as found:
+    with pytest.raises(LinkError) as raised:
         open_link(address if "/" in address else str(tmp_path / address))
-    assert isinstance(found.value, LinkAbsent) is is_waited_for
+    assert isinstance(raised.value, LinkAbsent) is is_waited_for
 
 
 def test_a_camera_that_comes_back_under_another_name_is_found_by_its_numbers(monkeypatch):
@@ -568,10 +568,10 @@ def test_a_camera_that_comes_back_under_another_name_is_found_by_its_numbers(mon
 
     def plug_in():
         ours, theirs = os.openpty()
-        found = list_ports_common.ListPortInfo(os.ttyname(theirs))
-        found.hwid = "USB VID:PID=37C5:1206 SER=3456 LOCATION=1-1.3"
+        port = list_ports_common.ListPortInfo(os.ttyname(theirs))
+        port.hwid = "USB VID:PID=37C5:1206 SER=3456 LOCATION=1-1.3"
         os.close(theirs)
-        return ours, found
+        return ours, port
 
     attached = []
     monkeypatch.setattr(list_ports, "comports", lambda *_: list(attached))
@@ -579,8 +579,8 @@ def test_a_camera_that_comes_back_under_another_name_is_found_by_its_numbers(mon
     def opened():
         return open_link("hwgrep://37C5:1206")
 
-    ours, found = plug_in()
-    attached.append(found)
+    ours, port = plug_in()
+    attached.append(port)
     reader = LinkReader(opened, retry=True)
     try:
         os.write(ours, b"first")
@@ -588,10 +588,10 @@ def test_a_camera_that_comes_back_under_another_name_is_found_by_its_numbers(mon
         assert chunk is not None
         assert chunk.data == b"first"
         attached.clear()
-        ours_then, found_then = plug_in()
-        assert found_then.device != found.device
+        ours_then, port_then = plug_in()
+        assert port_then.device != port.device
         os.close(ours)
-        attached.append(found_then)
+        attached.append(port_then)
         end, data = time.monotonic() + 30, b""
         while not data and time.monotonic() < end:
             os.write(ours_then, b"again")
@@ -606,10 +606,10 @@ def test_a_camera_that_comes_back_under_another_name_is_found_by_its_numbers(mon
 def test_an_adapter_that_gathers_bytes_is_told_to_send_them_at_once(monkeypatch):
     import serial
 
-    asked = []
-    monkeypatch.setattr(serial.Serial, "set_low_latency_mode", lambda _, on: asked.append(on))
+    modes = []
+    monkeypatch.setattr(serial.Serial, "set_low_latency_mode", lambda _, on: modes.append(on))
     ours, theirs = os.openpty()
     open_link(os.ttyname(theirs)).close()
-    assert asked == [True]
+    assert modes == [True]
     os.close(ours)
     os.close(theirs)

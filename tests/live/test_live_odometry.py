@@ -42,14 +42,14 @@ def test_the_cut_of_the_bytes_changes_no_reading(seed):
     metres = np.round(np.cumsum(rng.normal(0.1, 0.2, 100)), 3)
     end = "\r\n" if seed % 2 else "\n"
     data = "".join(f"{metre}{end}" for metre in metres).encode()
-    line, found = OdometerLine(), []
+    line, readings = OdometerLine(), []
     cuts = [0, *np.sort(rng.integers(0, len(data), 30)).tolist(), len(data)]
     for begin, last in pairwise(cuts):
         if line.feed(data[begin:last]):
-            found.append(line.distance_mm)
+            readings.append(line.distance_mm)
     assert line.refused == 0
-    assert set(found) <= set(np.rint(1e3 * metres).astype(int).tolist())
-    assert found[-1] == round(1e3 * metres[-1])
+    assert set(readings) <= set(np.rint(1e3 * metres).astype(int).tolist())
+    assert readings[-1] == round(1e3 * metres[-1])
 
 
 @pytest.mark.parametrize(
@@ -75,10 +75,10 @@ def test_an_odometer_that_never_pauses_keeps_nothing_waiting(block, monkeypatch)
     )
     monkeypatch.setattr("edge_vpr.live.odometer._LOOK_S", 0.0)
     begin_s = time.thread_time()
-    found = {reader.look() for _ in range(20)}
+    readings = {reader.look() for _ in range(20)}
     assert time.thread_time() - begin_s < 0.3  # of 2.6 MB, of which each line took 0.6 us
     assert len(taken) == 40
-    assert found == ({1_500} if b"1.5" in block else {None})
+    assert readings == ({1_500} if b"1.5" in block else {None})
     reader.stop()
 
 
@@ -192,7 +192,7 @@ def test_a_run_with_an_odometer_is_the_offline_one_with_the_readings_of_its_log(
         np.rint(1e3 * np.array(list(readings.values()))).astype(np.int64),
     )
     reference = ReferenceMap.load(drive / "map.npz")
-    found = [
+    live = [
         [round(1e6 * row["time_s"]), row["place"], row["distance"], row["trust"]]
         for row in rows
         if row["kind"] == "match"
@@ -205,9 +205,9 @@ def test_a_run_with_an_odometer_is_the_offline_one_with_the_readings_of_its_log(
         rows = np.concatenate([row for part in parts for row in feed.update(part)])
         return [list(row) for row in rows[["time_us", "place", "distance", "trust"]].tolist()]
 
-    assert len(found) > 15
-    assert found == offline(odometry)
-    assert found != offline(None)
+    assert len(live) > 15
+    assert live == offline(odometry)
+    assert live != offline(None)
 
 
 def test_what_is_driven_while_the_line_stands_still_is_read_with_the_events_of_the_way(
@@ -304,17 +304,17 @@ def test_odometry_that_cannot_be_is_refused_before_the_run(
 ):
     monkeypatch.chdir(drive)
     (tmp_path / "empty.bin").touch()
-    given = ["stream", "--port", str(tmp_path / "empty.bin"), "--protocol", "evpr", "--once"]
-    assert main([*given, "--odometry", "udp://:5001", *words]) != 0
+    command = ["stream", "--port", str(tmp_path / "empty.bin"), "--protocol", "evpr", "--once"]
+    assert main([*command, "--odometry", "udp://:5001", *words]) != 0
     assert message in capsys.readouterr().err
 
 
 def test_a_session_takes_no_file_as_the_odometer(drive, tmp_path):
     """A whole file would be read at once, in the first window."""
     (tmp_path / "wheel.csv").write_text("time_s,distance_m\n0,0\n3,30\n")
-    asked = {"protocol": "evpr", "reference": drive / "map.npz"}
+    arguments = {"protocol": "evpr", "reference": drive / "map.npz"}
     with pytest.raises(UsageError, match="is a file, and a live odometer is read as the robot"):
-        LiveSession("sent.bin", **asked, odometry=str(tmp_path / "wheel.csv"))
+        LiveSession("sent.bin", **arguments, odometry=str(tmp_path / "wheel.csv"))
 
 
 MEAN_EVENTS_PER_S = 1_000
@@ -403,13 +403,13 @@ def correct_share(street, shown_m=None):
     """The share of matches within 10 m, with an odometer that shows this, and its check."""
     reference, events, metres_at = street
     localiser = reference.localiser("window")
-    found = []
+    parts = []
     for piece in split_events(events, events.size // 2_000):
-        found.append(localiser.update(piece))
+        parts.append(localiser.update(piece))
         if shown_m is not None:
             time_us = int(piece["t"][-1])
             localiser.read_odometer(time_us, shown_m(float(metres_at(time_us))))
-    rows = np.concatenate(found)
+    rows = np.concatenate(parts)
     off_m = reference.route.along_m[rows["place"]] - metres_at(rows["time_us"])
     return (np.abs(off_m) < 10).mean(), localiser.odometer_check
 

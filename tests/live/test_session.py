@@ -216,7 +216,7 @@ def paced(line, events, for_s):
 def test_a_slow_program_gets_matches_of_now(taken, route):
     """20 matches come a second, and it takes 5."""
     events = random_events(np.random.default_rng(2), 60_000, SENSOR, 6_000_000)
-    line, found = Line("pty"), []
+    line, seen = Line("pty"), []
     camera = threading.Thread(target=paced, args=(line, events, 5.0), daemon=True)
     with LiveSession(
         ev.Line(line.host, max_lag="1s"), protocol="evpr", reference=route, heartbeat="1s"
@@ -226,13 +226,13 @@ def test_a_slow_program_gets_matches_of_now(taken, route):
         while camera.is_alive():
             match = next(matches) if taken == "iterated" else session.latest()
             if match is not None and match.place >= 0:
-                found.append(match)
+                seen.append(match)
                 assert abs(time.time() - match.host_us / 1e6 - match.age_s) < 0.5
             time.sleep(0.2)
         assert session.health.lost == session.health.overruns == 0
-    assert len(found) > 10
-    assert max(match.age_s for match in found) < 1.0
-    assert [match.query for match in found] == sorted({match.query for match in found})
+    assert len(seen) > 10
+    assert max(match.age_s for match in seen) < 1.0
+    assert [match.query for match in seen] == sorted({match.query for match in seen})
     line.close()
 
 
@@ -242,21 +242,21 @@ def test_a_match_that_comes_late_is_lost(route):
     """Of a host that slept, with a limit of its own and the default of two windows."""
     events = random_events(np.random.default_rng(2), 60_000, SENSOR, 6_000_000)
     for limit, window_s in ((None, 0.2), ("400ms", 0.4)):
-        line, found = Line("pty"), []
+        line, matches = Line("pty"), []
         camera = threading.Thread(target=paced, args=(line, events, 3.0), daemon=True)
         with LiveSession(
             ev.Line(line.host, max_lag="10s"), protocol="evpr", reference=route, max_age=limit
         ) as session:
             camera.start()
-            while len(found) < 20 and camera.is_alive():
-                found += session.poll()
+            while len(matches) < 20 and camera.is_alive():
+                matches += session.poll()
                 time.sleep(0.002)
-            assert len(found) >= 20
+            assert len(matches) >= 20
             time.sleep(1.5)
             late = session.poll()
         camera.join()
         line.close()
-        assert not any(match.lost for match in found if match.age_s < 0.1)
+        assert not any(match.lost for match in matches if match.age_s < 0.1)
         assert max(match.age_s for match in late) > 1.0
         assert [match.lost for match in late] == [match.age_s > window_s for match in late]
         # who looks at the probability alone is not told that this place is of now
@@ -313,7 +313,7 @@ def test_the_matches_of_every_protocol_are_those_of_the_recording(
     if not device.startswith("evpr"):
         events.t -= events["t"][0]  # time 0 is then that of the first event
     address, thread = camera(device, events)
-    found = []
+    matches = []
     with LiveSession(
         ev.Line(address, reconnect=False, on_overload="wait"),
         protocol=host,
@@ -321,32 +321,32 @@ def test_the_matches_of_every_protocol_are_those_of_the_recording(
         max_age="60s",
     ) as session:
         if taken == "iterated":
-            found = list(session)
+            matches = list(session)
         end = time.monotonic() + 30
         while not session.ended:
-            found += session.poll()
+            matches += session.poll()
             assert time.monotonic() < end
             time.sleep(0.001)
     thread.join(timeout=5)
     expected = offline(route, events)
     assert expected.size > 30
-    assert [round(1e6 * match.time_s) for match in found] == expected["time_us"].tolist()
-    assert [match.place for match in found] == expected["place"].tolist()
-    assert [match.query for match in found] == list(range(len(found)))
-    assert [match.distance for match in found] == expected["distance"].tolist()
-    seconds = [match.second_distance for match in found]
+    assert [round(1e6 * match.time_s) for match in matches] == expected["time_us"].tolist()
+    assert [match.place for match in matches] == expected["place"].tolist()
+    assert [match.query for match in matches] == list(range(len(matches)))
+    assert [match.distance for match in matches] == expected["distance"].tolist()
+    seconds = [match.second_distance for match in matches]
     assert np.array_equal(seconds, expected["second_distance"], equal_nan=True)
     for name in ("second", "ratio", "trust", "lost"):
-        assert [getattr(match, name) for match in found] == expected[name].tolist(), name
+        assert [getattr(match, name) for match in matches] == expected[name].tolist(), name
     position, locator = PathPosition(route.settings), Locator(route)
     at = [
         position.update(row["time_us"], row["time_us"] - row["start_us"], row["place"])
         for row in expected
     ]
-    assert [match.along_m for match in found] == [locator.locate(each)["along_m"] for each in at]
-    assert found[-1].jumps == position.jumps > 0
-    assert not any(match.incomplete for match in found)
-    assert all(abs(match.host_us / 1e6 - time.time()) < 60 for match in found)
+    assert [match.along_m for match in matches] == [locator.locate(each)["along_m"] for each in at]
+    assert matches[-1].jumps == position.jumps > 0
+    assert not any(match.incomplete for match in matches)
+    assert all(abs(match.host_us / 1e6 - time.time()) < 60 for match in matches)
     assert session.health.events == 40_000
     assert session.health.losses == 0
 
@@ -381,19 +381,19 @@ def test_a_link_that_is_open_already_is_taken(kind, route, query):
         encoder.encode(query[i : i + 1_000]) for i in range(0, query.size, 1_000)
     )
     expected = offline(route, query)["place"].tolist()
-    found = []
+    places = []
     with LiveSession(
         ev.Line(line.host, on_overload="wait"), protocol="evpr", reference=route, max_age="60s"
     ) as session:
         writing = threading.Thread(target=line.write, args=(sent,), daemon=True)
         writing.start()
         for match in session:
-            found.append(match.place)
-            if len(found) == len(expected) - 1:
+            places.append(match.place)
+            if len(places) == len(expected) - 1:
                 session.stop()
     writing.join(timeout=5)
-    assert found == expected[: len(found)]
-    assert len(found) > 30
+    assert places == expected[: len(places)]
+    assert len(places) > 30
     assert session.health.decoded >= 38_000
     line.close()
     if kind != "pty":
@@ -436,11 +436,11 @@ def test_a_camera_that_falls_silent_is_told_by_its_match_that_is_lost(every, rou
         ev.Line(link.address, reconnect=False), protocol="evpr", reference=route, every=every,
         max_age="600ms",
     ) as session:  # fmt: skip
-        found = list(session)
+        matches = list(session)
     playing.join(timeout=5)
-    said = [i for i in range(1, len(found)) if found[i].query == found[i - 1].query]
+    said = [i for i in range(1, len(matches)) if matches[i].query == matches[i - 1].query]
     assert said  # once a silence; a busy machine may be silent once more
-    for match, before in ((found[i], found[i - 1]) for i in said):
+    for match, before in ((matches[i], matches[i - 1]) for i in said):
         assert match.age_s > 0.6
         same = {"lost": True, "probability": 0.0, "age_s": match.age_s}
         assert match._asdict() == pytest.approx({**before._asdict(), **same}, nan_ok=True)
@@ -448,12 +448,12 @@ def test_a_camera_that_falls_silent_is_told_by_its_match_that_is_lost(every, rou
 
 def wait_until(condition, session, seconds=30):
     """Poll a session until something holds; return its matches."""
-    end, found = time.monotonic() + seconds, []
+    end, matches = time.monotonic() + seconds, []
     while not condition():
         assert time.monotonic() < end
-        found += session.poll()
+        matches += session.poll()
         time.sleep(0.001)
-    return found
+    return matches
 
 
 @pytest.mark.parametrize("kind", ["network", "cable"])
@@ -491,14 +491,14 @@ def test_a_link_that_dies_and_returns_is_told_and_costs_what_was_sent_meanwhile(
         device = plug_in(device.address)
         wait_until(lambda: len(said) > 1, session)
         send(encoder.encode(after))
-        found = wait_until(lambda: session.health.decoded == 30_000, session)
+        matches = wait_until(lambda: session.health.decoded == 30_000, session)
     device.close()
     assert [(each.kind, each.over) for each in said[:2]] == [("link", False), ("link", True)]
     assert "trying again" in said[0].text
     health = session.health
     assert (health.decoded, health.lost, health.reopened) == (30_000, 10_000, 1)
     assert health.describe_losses() == "10,000 events lost on the way"
-    assert any(match.incomplete for match in found if match.place >= 0)
+    assert any(match.incomplete for match in matches if match.place >= 0)
 
 
 def test_a_camera_that_comes_back_under_another_name_is_told_to_the_end(route, query, any_baud):
@@ -667,9 +667,9 @@ def test_a_known_route_is_matched_while_a_map_with_other_settings_is_made(route,
     line = ev.Line(address, reconnect=False, on_overload="wait")
     files = SessionFiles(learn=target, settings=settings)
     with LiveSession(line, protocol="evpr", reference=route, files=files) as session:
-        found = [match.place for match in session]
+        matched = [match.place for match in session]
     thread.join(timeout=5)
-    assert found == offline(route, query)["place"].tolist() and len(route) == places
+    assert matched == offline(route, query)["place"].tolist() and len(route) == places
     again = ReferenceMap.build(Drive(query, SENSOR), settings)
     assert ReferenceMap.load(target) == files.learnt == again
     assert files.update is None
@@ -679,22 +679,22 @@ def test_a_known_map_learns_the_drive_that_it_is_matched_with(street, tmp_path, 
     """As it does from a recording, with its own settings, and not those of matching live."""
     folder, target = street[0], tmp_path / "learnt.npz"
     events, sent = join_events(list(open_recording(folder / "query.npz"))), tmp_path / "sent.bin"
-    known = ReferenceMap.load(folder / "map.npz")
-    encoder = open_encoder("evpr", known.pixel_map.sensor)
+    reference = ReferenceMap.load(folder / "map.npz")
+    encoder = open_encoder("evpr", reference.pixel_map.sensor)
     parts = (encoder.encode(events[i : i + 1_000]) for i in range(0, events.size, 1_000))
     sent.write_bytes(encoder.start() + b"".join(parts))
     words = ["--port", sent, "--protocol", "evpr", "--map", folder / "map.npz", "--learn"]
     assert main([str(word) for word in ("stream", *words, "-o", target)]) == 0
-    expected = known.update(folder / "query.npz")
-    assert ReferenceMap.load(target) == expected.reference != known
+    expected = reference.update(folder / "query.npz")
+    assert ReferenceMap.load(target) == expected.reference != reference
     assert (
-        f"{target}: {len(known)} places (at half windows) at 150 pixels; {expected}"
+        f"{target}: {len(reference)} places (at half windows) at 150 pixels; {expected}"
         in capsys.readouterr().out
     )
     # of a preset, the number of places per window is auto: the map's
-    settings = replace(known.settings, places_per_window=None)
+    settings = replace(reference.settings, places_per_window=None)
     files = SessionFiles(learn=target, settings=settings, overwrite=True)
-    with LiveSession(sent, protocol="evpr", reference=known, files=files) as session:
+    with LiveSession(sent, protocol="evpr", reference=reference, files=files) as session:
         assert len(list(session)) > 0
     assert files.learnt == expected.reference
 
@@ -702,21 +702,21 @@ def test_a_known_map_learns_the_drive_that_it_is_matched_with(street, tmp_path, 
 def test_a_precision_marks_the_matches_below_it_as_lost(street, tmp_path):
     """As for a recording; without one, no match is ever lost."""
     folder, sent = street[0], tmp_path / "sent.bin"
-    known = ReferenceMap.load(folder / "map.npz")
-    encoder, query = open_encoder("evpr", known.pixel_map.sensor), folder / "query.npz"
+    reference = ReferenceMap.load(folder / "map.npz")
+    encoder, query = open_encoder("evpr", reference.pixel_map.sensor), folder / "query.npz"
     sent.write_bytes(encoder.start() + b"".join(encoder.encode(e) for e in open_recording(query)))
     lost = {}
-    for asked in ({}, {"precision": 0.9}):
-        with LiveSession(sent, protocol="evpr", reference=known, **asked) as session:
-            lost[len(asked)] = [match.lost for match in session]
-    expected = known.localiser("50ms", precision=0.9)
-    found = [expected.update(part) for part in cleaned(open_recording(query), known.settings)]
-    assert lost[1] == np.concatenate(found)["lost"].tolist()
+    for changes in ({}, {"precision": 0.9}):
+        with LiveSession(sent, protocol="evpr", reference=reference, **changes) as session:
+            lost[len(changes)] = [match.lost for match in session]
+    expected = reference.localiser("50ms", precision=0.9)
+    parts = [expected.update(part) for part in cleaned(open_recording(query), reference.settings)]
+    assert lost[1] == np.concatenate(parts)["lost"].tolist()
     assert 0 < sum(lost[1]) < len(lost[1]) and not any(lost[0])
     with pytest.raises(UsageError, match="LiveSession has the unknown setting 'hartbeat'"):
-        LiveSession(sent, protocol="evpr", reference=known, hartbeat="500ms")
+        LiveSession(sent, protocol="evpr", reference=reference, hartbeat="500ms")
     with pytest.raises(UsageError, match="setting tau_us = 1, and the map was made with"):
-        LiveSession(sent, protocol="evpr", reference=known, tau_us=1)
+        LiveSession(sent, protocol="evpr", reference=reference, tau_us=1)
 
 
 def test_a_map_in_place_of_a_port_is_called_a_map(route, tmp_path):
@@ -783,11 +783,11 @@ def test_a_file_of_a_session_replaces_no_other(files, says, route, query, tmp_pa
     monkeypatch.chdir(tmp_path)
     route.save("map.npz")
     Path("sent.bin").write_bytes(open_encoder("evpr", SENSOR).encode(query))
-    asked = {"protocol": "evpr", "reference": "map.npz"}
+    arguments = {"protocol": "evpr", "reference": "map.npz"}
     with pytest.raises(UsageError, match=says):
-        LiveSession("sent.bin", **asked, files=SessionFiles(**files, overwrite=True))
+        LiveSession("sent.bin", **arguments, files=SessionFiles(**files, overwrite=True))
     assert ReferenceMap.load("map.npz") == route and Path("sent.bin").stat().st_size > 0
-    LiveSession("sent.bin", **asked, files=SessionFiles(learn="map.npz", overwrite=True))
+    LiveSession("sent.bin", **arguments, files=SessionFiles(learn="map.npz", overwrite=True))
 
 
 def test_a_session_that_is_not_open_yet_has_a_state():
@@ -822,7 +822,7 @@ def test_a_session_is_used_once(route):
 
 
 @pytest.mark.parametrize(
-    ("given", "says"),
+    ("wrong", "says"),
     [
         ({"sensor": None}, "pass sensor= or reference="),
         ({"protocol": "x"}, "choose one of evpr"),
@@ -838,8 +838,8 @@ def test_a_session_is_used_once(route):
         ({"precision": 0.9}, "precision: nothing is matched without reference="),
     ],
 )
-def test_wrong_arguments_are_one_sentence(given, says):
-    arguments = {"link": "/dev/null0", "protocol": "evpr", "sensor": SENSOR, **given}
+def test_wrong_arguments_are_one_sentence(wrong, says):
+    arguments = {"link": "/dev/null0", "protocol": "evpr", "sensor": SENSOR, **wrong}
     with pytest.raises(UsageError, match=re.escape(says)):
         LiveSession(arguments.pop("link"), **arguments)
 
@@ -913,14 +913,14 @@ def test_a_camera_that_has_not_begun_does_not_stall(query, monkeypatch):
 
 def test_another_place_is_counted_in_the_health(street, tmp_path):
     """The query in a mirror is no place of the map."""
-    known, sent = ReferenceMap.load(street[0] / "map.npz"), tmp_path / "sent.bin"
+    reference, sent = ReferenceMap.load(street[0] / "map.npz"), tmp_path / "sent.bin"
     events = join_events(list(open_recording(street[0] / "query.npz")))
-    sensor = known.pixel_map.sensor
+    sensor = reference.pixel_map.sensor
     events.x = sensor.width - 1 - events["x"]
     encoder = open_encoder("evpr", sensor)
     parts = (encoder.encode(events[i : i + 1_000]) for i in range(0, events.size, 1_000))
     sent.write_bytes(encoder.start() + b"".join(parts))
-    with LiveSession(sent, protocol="evpr", reference=known) as session:
+    with LiveSession(sent, protocol="evpr", reference=reference) as session:
         misfits = sum(match.misfit >= 64 for match in session)
     assert session.health.misfits == misfits > 0
     assert str(session.health) == f"{misfits:,} misfits"

@@ -65,9 +65,9 @@ def played(events, state, path, host="evpr", device="evpr", speed=0.0, overwrite
         files=SessionFiles(state=state, overwrite=overwrite), max_age="60s",
         on_message=said.append, **changes,
     ) as session:  # fmt: skip
-        found = list(session)
+        matches = list(session)
     camera.join(timeout=5)
-    return found, [message.text for message in said if message.kind == "state"]
+    return matches, [message.text for message in said if message.kind == "state"]
 
 
 def between(events, begin_s, end_s):
@@ -86,14 +86,14 @@ def test_a_session_goes_on_where_the_one_before_was(host, device, clock, street,
     late = between(events, 20, 24)
     true_m = track.at(late["t"][-1:])[0, 0]
     late.t -= late["t"][0] if clock == "restarts" else 0
-    found, (said,) = played(late, tmp_path / "run.state", path, host, device, speed=4.0)
+    matches, (said,) = played(late, tmp_path / "run.state", path, host, device, speed=4.0)
     assert "goes on" in said
-    assert found[0].time_s > before[-1].time_s
-    assert found[0].missing == 1.0
-    assert found[-1].missing == 0.0
-    assert not any(match.lost for match in found)
-    assert abs(found[-1].along_m - true_m) < 8.0
-    assert found[-1].probability > 0.8
+    assert matches[0].time_s > before[-1].time_s
+    assert matches[0].missing == 1.0
+    assert matches[-1].missing == 0.0
+    assert not any(match.lost for match in matches)
+    assert abs(matches[-1].along_m - true_m) < 8.0
+    assert matches[-1].probability > 0.8
 
 
 def resumed(live, reference, passed_us):
@@ -124,9 +124,9 @@ def test_the_time_in_which_nothing_was_seen_gives_no_matches(count, first, how, 
     pieces += [encoder.encode(piece) for piece in split_events(late, count)]
     missing = []
     for n, data in enumerate(pieces):
-        found = live.feed(data, 44_000_000, reopened=reopened and n == 0)
-        matches += found.rows.size
-        missing += [match.missing for match in found.matches]
+        result = live.feed(data, 44_000_000, reopened=reopened and n == 0)
+        matches += result.rows.size
+        missing += [match.missing for match in result.matches]
     assert 30 <= matches <= 2 / 0.05 + 10
     assert (missing[0], missing[-1]) == (1.0, 0.0)
     assert missing == sorted(missing, reverse=True)
@@ -136,11 +136,11 @@ def test_without_a_state_it_takes_longer(street, tmp_path):
     path, events, _ = street
     state, late = tmp_path / "run.state", between(events, 20, 24)
     played(between(events, 0, 20), state, path)
-    found, _ = played(late, state, path)
+    resumed, _ = played(late, state, path)
     late.t -= late["t"][0]
     fresh, said = played(late, tmp_path / "other.state", path)
     assert said == []
-    kept, anew = (np.mean([m.probability for m in each[:40]]) for each in (found, fresh))
+    kept, anew = (np.mean([m.probability for m in each[:40]]) for each in (resumed, fresh))
     assert kept > anew
 
 
@@ -164,11 +164,11 @@ def test_a_robot_that_drove_on_unseen_is_found_again(how, clock, street, tmp_pat
     rows = []
     for n, piece in enumerate(split_events(late, 250)):
         reopened = how == "the same run" and n == 0
-        found = live.feed(
+        result = live.feed(
             encoder.encode(piece), int(piece["t"][-1]) + 17_000_000, reopened=reopened
         )
         true_m = track.at(piece["t"][-1:] + off_us)[0, 0]
-        for match in found.matches:
+        for match in result.matches:
             off_m = abs(match.along_m - true_m)
             rows.append((match.time_us, off_m, match.probability))
     assert 16_500_000 < rows[0][0] < 17_500_000
@@ -207,11 +207,11 @@ def test_a_state_that_cannot_be_used_is_told_and_costs_nothing_else(what, street
     state, early = tmp_path / "run.state", between(events, 0, 3)
     expected, _ = played(early, state, path)
     says = spoilt(what, state)
-    found, (said,) = played(early, state, path)
+    matches, (said,) = played(early, state, path)
     assert "starts afresh" in said
     assert says in said
     assert "\n" not in said
-    assert [(m.time_s, m.place) for m in found] == [(m.time_s, m.place) for m in expected]
+    assert [(m.time_s, m.place) for m in matches] == [(m.time_s, m.place) for m in expected]
     assert "goes on" in played(early, state, path)[1][0]
 
 
@@ -223,9 +223,9 @@ def test_a_clock_that_is_set_in_the_meantime_changes_nothing(off_s, street, tmp_
     now = time.time
     monkeypatch.setattr(time, "time", lambda: now() + off_s)
     late = between(events, 20, 24)
-    found, (said,) = played(late, tmp_path / "run.state", path)
+    matches, (said,) = played(late, tmp_path / "run.state", path)
     assert "goes on after" in said
-    assert abs(found[-1].along_m - track.at(late["t"][-1:])[0, 0]) < 8.0
+    assert abs(matches[-1].along_m - track.at(late["t"][-1:])[0, 0]) < 8.0
 
 
 def test_after_another_start_of_the_machine_a_state_says_where_and_not_when(
@@ -242,10 +242,10 @@ def test_after_another_start_of_the_machine_a_state_says_where_and_not_when(
         late = between(events, begin_s, begin_s + 4)
         late.t -= late["t"][0]
         true_m = track.at(np.array([1e6 * (begin_s + 4)], dtype=np.int64))[0, 0]
-        found, (said,) = played(late, tmp_path / "run.state", path, speed=4.0)
+        matches, (said,) = played(late, tmp_path / "run.state", path, speed=4.0)
         assert said == "goes on after another start of the machine"
-        assert (found[0].missing, found[-1].missing) == (1.0, 0.0)
-        assert abs(found[-1].along_m - true_m) < 8.0
+        assert (matches[0].missing, matches[-1].missing) == (1.0, 0.0)
+        assert abs(matches[-1].along_m - true_m) < 8.0
 
 
 def test_two_sessions_do_not_keep_their_states_in_one_file(street, tmp_path):
@@ -253,13 +253,13 @@ def test_two_sessions_do_not_keep_their_states_in_one_file(street, tmp_path):
     path, events, _ = street
     link = open_device_link("tcp://127.0.0.1:0")
     state = tmp_path / "run.state"
-    asked = {"protocol": "evpr", "reference": path}
-    first = LiveSession(link.address, **asked, files=SessionFiles(state=state))
+    arguments = {"protocol": "evpr", "reference": path}
+    first = LiveSession(link.address, **arguments, files=SessionFiles(state=state))
     first.open()
     (tmp_path / "link.state").symlink_to(state)
     for name in ("run.state", "link.state"):
         files = SessionFiles(state=tmp_path / name)
-        second = LiveSession(link.address, **asked, files=files)
+        second = LiveSession(link.address, **arguments, files=files)
         with pytest.raises(UsageError, match="another session keeps its state there"):
             second.open()
     first.close()
@@ -295,13 +295,13 @@ def test_a_state_of_another_map_or_of_other_settings_is_not_used(street, tmp_pat
     places = reference.places.take(slice(1, None))
     other = ReferenceMap.build(simulate_pair(seed=3, length_m=40.0)[0])
     assert len(other) < len(places)
-    for given, changes in ((other, {}), (reference, {"exclusion": 3})):
-        _, (said,) = played(early, state, given, **changes)
+    for route, changes in ((other, {}), (reference, {"exclusion": 3})):
+        _, (said,) = played(early, state, route, **changes)
         assert "of another map, of other settings" in said
 
 
 @pytest.mark.parametrize(
-    ("files", "known", "says"),
+    ("files", "has_map", "says"),
     [
         ({"state": "run.npz"}, True, "such as live.state"),
         ({"state": "missing/run.state"}, True, "no folder missing"),
@@ -310,9 +310,9 @@ def test_a_state_of_another_map_or_of_other_settings_is_not_used(street, tmp_pat
     ],
 )
 def test_a_state_that_cannot_be_kept_is_refused_before_the_line_is_opened(
-    files, known, says, street
+    files, has_map, says, street
 ):
-    reference = street[0] if known else None
+    reference = street[0] if has_map else None
     with pytest.raises(UsageError, match=says):
         LiveSession(
             "tcp://127.0.0.1:1", protocol="evpr", reference=reference, sensor=SENSOR,
@@ -359,8 +359,8 @@ def test_a_state_that_cannot_be_written_is_told_once_and_ends_nothing(
     path, events, _ = street
     monkeypatch.setattr(state_module, "KEEP_S", 0.0)
     (tmp_path / "run.state").mkdir()
-    found, said = played(between(events, 0, 3), tmp_path / "run.state", path, speed=4.0)
-    assert len(found) > 30
+    matches, said = played(between(events, 0, 3), tmp_path / "run.state", path, speed=4.0)
+    assert len(matches) > 30
     assert sum("not kept" in text for text in said) == 1
 
 

@@ -134,8 +134,8 @@ def test_live_matches_are_the_offline_ones_to_the_bit(port, protocol, drive, tmp
     assert bridge.sent_events == 40_000
     expected = offline(drive, MatchSchedule(events=1), from_first=not protocol.startswith("evpr"))
     assert expected.size > 100
-    found = rows_of(log, "match")
-    assert not any(row["missing"] for row in found)
+    rows = rows_of(log, "match")
+    assert not any(row["missing"] for row in rows)
     # null in JSON where they are not a number
     unknown = ("ratio", "probability", "second_distance")
     not_live = ("ties",)  # which files have alone
@@ -143,9 +143,9 @@ def test_live_matches_are_the_offline_ones_to_the_bit(port, protocol, drive, tmp
     for name in names:
         in_s = name.endswith("_us")
         column = expected[name] / 1e6 if in_s else expected[name]
-        assert [row[name.replace("_us", "_s")] for row in found] == column.tolist()
+        assert [row[name.replace("_us", "_s")] for row in rows] == column.tolist()
     for name in unknown:
-        column = np.array([row[name] for row in found], dtype=float)
+        column = np.array([row[name] for row in rows], dtype=float)
         assert np.array_equal(column, expected[name], equal_nan=True)
     (summary,) = rows_of(log, "summary")
     assert (summary["events"], summary["lost"], summary["resyncs"]) == (40_000, 0, 0)
@@ -357,12 +357,12 @@ def test_a_device_that_sees_nothing_says_so_and_is_matched_all_the_same(referenc
     later = events.copy()
     later.t += last + 1_000_000
     steps.append(live.feed(encoder.encode(later), 0))
-    found = np.concatenate([*(step.rows for step in steps), live.finish().rows])
+    rows = np.concatenate([*(step.rows for step in steps), live.finish().rows])
     localiser = Localiser(reference, every=every)
     recording = Drive(join_events([events, later]), SENSOR)
     expected = [localiser.update(part) for part in cleaned(recording, reference.settings)]
     # silence brings matches early, and the same ones
-    assert found.tobytes() == np.concatenate(expected).tobytes()
+    assert rows.tobytes() == np.concatenate(expected).tobytes()
 
 
 @pytest.mark.slow
@@ -378,11 +378,11 @@ def test_single_events_give_the_matches_of_the_recording(bursts, drive, referenc
     pieces = split_events(events, np.arange(1, events.size))
     steps += [live.feed(encoder.encode(piece), 0) for piece in pieces]
     steps.append(live.finish())
-    found = np.concatenate([step.rows for step in steps])
+    rows = np.concatenate([step.rows for step in steps])
     localiser = Localiser(reference, every=every)
     expected = [localiser.update(part) for part in cleaned(Drive(events, SENSOR), settings)]
-    assert found.size > 50
-    assert found.tobytes() == np.concatenate(expected).tobytes()
+    assert rows.size > 50
+    assert rows.tobytes() == np.concatenate(expected).tobytes()
 
 
 def test_a_loss_between_two_ticks_flags_the_next_match(reference, events):
@@ -740,16 +740,16 @@ def test_json_rows_have_the_position_of_a_map_with_a_track(sent, tmp_path, capsy
     words = ["--port", sent, "--map", tmp_path / "map.npz", "--every", "100ms", "--json"]
     assert streamed(*words) == 0
     rows = [json.loads(line) for line in capsys.readouterr().out.splitlines()]
-    found = [row for row in rows if row["kind"] == "match"]
-    assert len(found) > 10
-    known = [row for row in found if row["along_m"] is not None]
-    assert 0 < len(known) < len(found)
-    for row in known:
+    matches = [row for row in rows if row["kind"] == "match"]
+    assert len(matches) > 10
+    placed = [row for row in matches if row["along_m"] is not None]
+    assert 0 < len(placed) < len(matches)
+    for row in placed:
         assert row["x_m"] == row["along_m"] == pytest.approx(row["y_m"] - 7)
         assert row["heading_deg"] == 45.0
         assert row["along_from_m"] <= row["along_m"] <= row["along_to_m"]
         assert row["route_m"] == (len(reference) - 0.5) * 2.5
-    assert all(row["x_m"] is None for row in found if row["along_m"] is None)
+    assert all(row["x_m"] is None for row in matches if row["along_m"] is None)
 
 
 def test_after_a_loss_the_place_filter_is_flagged_for_one_window_alone(reference, events):
@@ -963,10 +963,10 @@ def test_ports_are_listed(capsys, monkeypatch):
     from serial.tools import list_ports
     from serial.tools.list_ports_common import ListPortInfo
 
-    found = [ListPortInfo("/dev/ttyUSB0"), ListPortInfo("/dev/ttyACM0"), ListPortInfo("/dev/ttyS0")]
-    found[0].vid, found[0].pid = 0x0403, 0x6014
-    found[1].vid, found[1].pid = 0x37C5, 0x1206
-    monkeypatch.setattr(list_ports, "comports", lambda: found)
+    ports = [ListPortInfo("/dev/ttyUSB0"), ListPortInfo("/dev/ttyACM0"), ListPortInfo("/dev/ttyS0")]
+    ports[0].vid, ports[0].pid = 0x0403, 0x6014
+    ports[1].vid, ports[1].pid = 0x37C5, 0x1206
+    monkeypatch.setattr(list_ports, "comports", lambda: ports)
     assert main(["ports", "--json"]) == 0
     rows = json.loads(capsys.readouterr().out)
     assert [(row["port"], row["protocol"], row["baud"]) for row in rows] == [
@@ -1018,12 +1018,12 @@ def test_a_while_of_silences_wraps_and_heartbeats_gives_the_matches_of_the_recor
     encoder, decoder = open_encoder(protocol, sensor), open_decoder(protocol, sensor)
     live = StreamMatcher(decoder, reference, every)
     offline, bursts = Localiser(reference, every=every), BurstFilter(sensor)
-    found, expected, start, reached = [], [], None, 0
+    parts, expected, start, reached = [], [], None, 0
 
     def take(data):
         result = live.feed(data, 0)
         assert not any(match.missing for match in result.matches)
-        found.append(result.rows)
+        parts.append(result.rows)
 
     take(encoder.start())
     for events in spells(rng, sensor, silence_s, end_us=1_440_000_000):
@@ -1035,9 +1035,9 @@ def test_a_while_of_silences_wraps_and_heartbeats_gives_the_matches_of_the_recor
         if protocol != "evpr":
             events.t -= start  # only evpr tells when the stream began
         expected += [offline.update(piece) for piece in bursts.pieces(events)]
-    found.append(live.finish().rows)
+    parts.append(live.finish().rows)
     expected.append(offline.update(bursts.finish()))
-    matches = np.concatenate(found)
+    matches = np.concatenate(parts)
     assert matches.size > 1_400
     assert matches.tobytes() == np.concatenate(expected).tobytes()
     health = decoder.health

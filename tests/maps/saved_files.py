@@ -65,9 +65,9 @@ def map_of(
     return replace(coded_map(counted, settings), confidence=confidence, route=route)
 
 
-def same_contents(found: tuple[Arrays, object], expected: tuple[Arrays, object]) -> bool:
+def same_contents(read: tuple[Arrays, object], expected: tuple[Arrays, object]) -> bool:
     """Whether two archives hold the same, to the bit."""
-    (arrays, meta), (whole, whole_meta) = found, expected
+    (arrays, meta), (whole, whole_meta) = read, expected
 
     def plain(arrays: Arrays) -> dict[str, object]:
         return {name: (a.dtype.str, a.shape, a.tobytes()) for name, a in arrays.items()}
@@ -167,8 +167,8 @@ def plain_profile() -> dict[str, object]:
         "figures": figures, "windows": windows, "sensor": sensor,
         "trace": {"time_s": [0.5], "watts": [2.0]},
     }  # fmt: skip
-    known = {"frequency_hz": 1e9, "temperature_c": 50.0}
-    conditions = {field.name: known.get(field.name) for field in fields(Conditions)}
+    measured = {"frequency_hz": 1e9, "temperature_c": 50.0}
+    conditions = {field.name: measured.get(field.name) for field in fields(Conditions)}
     speed = {
         "events_per_s": 1e6, "matches_per_s": 1e3, "times_real_time": 9.0,
         "latency_p50_s": 1e-4, "latency_p99_s": 1e-3,
@@ -197,9 +197,9 @@ def checksum(body: str) -> int:
 
 
 def _shown_profile(path: Path) -> object:
-    found = Profile.load_file(path)
-    check_shown(found, path)
-    return found
+    profile = Profile.load_file(path)
+    check_shown(profile, path)
+    return profile
 
 
 LOADERS: dict[str, Callable[[Path], object]] = {

@@ -91,12 +91,12 @@ def test_an_archive_with_any_byte_changed_is_refused_or_reads_as_before(tmp_path
         for bit in (at % 8, (at + 3) % 8):
             path.write_bytes(whole[:at] + bytes([whole[at] ^ 1 << bit]) + whole[at + 1 :])
             try:
-                found = read_archive(path, "thing")
+                contents = read_archive(path, "thing")
             except MapError as error:
                 assert str(error).isprintable()
                 refused += 1
             else:
-                assert same_contents(found, expected), (at, bit)
+                assert same_contents(contents, expected), (at, bit)
     assert refused > len(whole)
 
 

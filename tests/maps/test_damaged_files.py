@@ -37,10 +37,10 @@ KINDS = {
 @pytest.fixture(scope="module")
 def originals(tmp_path_factory):
     folder = tmp_path_factory.mktemp("originals")
-    found = saved_files.write_originals(folder)
+    paths = saved_files.write_originals(folder)
     places = saved_files.map_of({}, np.random.default_rng(0)).places
     write_queries(folder / "queries.npz", places)
-    return found | {"queries": [folder / "queries.npz"]}
+    return paths | {"queries": [folder / "queries.npz"]}
 
 
 def one_line(error):
@@ -60,11 +60,11 @@ def test_a_damaged_archive_is_refused_or_reads_as_before(originals, tmp_path, ki
             for raw in (whole[:at], whole[:at] + flipped + whole[at + 1 :]):
                 path.write_bytes(raw)
                 try:
-                    found = read_archive(path, KINDS[kind])
+                    contents = read_archive(path, KINDS[kind])
                 except MapError as error:
                     assert str(path) in one_line(error)
                 else:
-                    assert len(raw) == len(whole) and same_contents(found, expected), at
+                    assert len(raw) == len(whole) and same_contents(contents, expected), at
 
 
 def damaged(raw, rng):
@@ -105,12 +105,12 @@ def test_a_damaged_file_is_refused_in_one_line_or_read(originals, tmp_path, kind
 def loads_or_refuses(load, path):
     """Load a file; False if it is refused as it should be."""
     try:
-        found = load(path)
+        loaded = load(path)
     except (EdgeVprError, DesignError) as error:
         one_line(error)
         return False
-    if isinstance(found, Design):
-        assert Design.from_dict(tomllib.loads(found.to_toml())) == found
+    if isinstance(loaded, Design):
+        assert Design.from_dict(tomllib.loads(loaded.to_toml())) == loaded
     return True
 
 
@@ -166,11 +166,11 @@ def test_a_profile_with_another_value_is_refused_before_anything_is_printed(
     change, tmp_path, capsys
 ):
     path = tmp_path / "profile.json"
-    found = saved_files.plain_profile()
-    path.write_text(json.dumps(found))
+    profile = saved_files.plain_profile()
+    path.write_text(json.dumps(profile))
     words = ["profile", "compare", str(path), str(path)]
     assert main(words) == 0
-    path.write_text(json.dumps(found | dict([change])))
+    path.write_text(json.dumps(profile | dict([change])))
     capsys.readouterr()
     assert main(words) == UsageError.exit_code
     shown = capsys.readouterr()

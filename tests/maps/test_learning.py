@@ -38,8 +38,8 @@ def _nearest(reference: ReferenceMap, track: Track, query: Track, times: Places)
 @pytest.mark.parametrize("number", [1, 2])
 def test_the_new_codes_are_the_rounded_mean_of_both_drives(drives: Drives, number: int) -> None:
     reference, query = drives
-    asked = {"pixels": 20, "places_per_window": number}
-    route = ReferenceMap.build(reference, track=reference.track, **asked)
+    changes = {"pixels": 20, "places_per_window": number}
+    route = ReferenceMap.build(reference, track=reference.track, **changes)
     update = route.update(query, track=query.track)
     counted = count_places(query, route.pixel_map, route.settings)
     expected_place = _nearest(route, reference.track, query.track, counted.centre_us)

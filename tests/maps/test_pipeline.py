@@ -81,12 +81,12 @@ def test_a_map_equals_the_oracle_from_events_to_descriptors(
         "test",
     )
     events = busy_drive(np.random.default_rng(seed), 600)
-    found = ReferenceMap.build(Drive(events, SENSOR, chunk), chosen)
+    reference = ReferenceMap.build(Drive(events, SENSOR, chunk), chosen)
 
     pixels, kept, hot = expected_map(events, chosen)
-    map_pixels = zip(found.pixel_map.x.tolist(), found.pixel_map.y.tolist(), strict=True)
+    map_pixels = zip(reference.pixel_map.x.tolist(), reference.pixel_map.y.tolist(), strict=True)
     assert list(map_pixels) == pixels
-    assert {(int(x), int(y)) for y, x in np.argwhere(found.hot)} == set(hot)
+    assert {(int(x), int(y)) for y, x in np.argwhere(reference.hot)} == set(hot)
     if window == "time":
         parts = naive.fixed_time_windows(kept, chosen.tau_us // per_window)
     else:
@@ -94,8 +94,8 @@ def test_a_map_equals_the_oracle_from_events_to_descriptors(
     windows = parts
     if per_window == 2:
         windows = [first + second for first, second in itertools.pairwise(parts)]
-    assert found.places.counts.tolist() == [naive.count(w, pixels) for w in windows]
-    assert found.places.events.tolist() == [len(w) for w in windows]
+    assert reference.places.counts.tolist() == [naive.count(w, pixels) for w in windows]
+    assert reference.places.events.tolist() == [len(w) for w in windows]
 
 
 @pytest.mark.parametrize("window", ["time", "count"])
@@ -134,8 +134,8 @@ def test_windows_by_count_are_of_an_even_number_where_it_is_taken_from_the_drive
     drive = Drive(busy_drive(np.random.default_rng(4)), SENSOR)
     changes = {"window": "count", "events_per_pixel": None, "matching": "filter"}
     for seed in range(4):
-        found = ReferenceMap.build(drive, SMALL, seed=seed, places_per_window=2, **changes)
-        number = found.settings.events_per_window
+        reference = ReferenceMap.build(drive, SMALL, seed=seed, places_per_window=2, **changes)
+        number = reference.settings.events_per_window
         assert number % 2 == 0
         whole = ReferenceMap.build(drive, SMALL, seed=seed, **changes).settings.events_per_window
         assert abs(number - whole) <= 1
@@ -158,11 +158,11 @@ def test_half_windows_that_cannot_be_are_refused(changes, message):
 
 def test_the_hot_pixel_and_the_burst_of_a_drive_do_not_reach_its_map():
     events = busy_drive(np.random.default_rng(0))
-    found = ReferenceMap.build(Drive(events, SENSOR), SMALL)
-    assert found.hot[3, 4]
-    assert found.hot.sum() == 1
+    reference = ReferenceMap.build(Drive(events, SENSOR), SMALL)
+    assert reference.hot[3, 4]
+    assert reference.hot.sum() == 1
     kept = ReferenceMap.build(Drive(events, SENSOR), SMALL.replaced({"remove_bursts": False}, ""))
-    assert kept.places.counts.sum() > found.places.counts.sum()
+    assert kept.places.counts.sum() > reference.places.counts.sum()
 
 
 @pytest.mark.parametrize("per_window", [1, 2])
@@ -231,31 +231,31 @@ def test_a_coded_map_has_the_pixels_of_the_plain_one_and_the_codes_of_its_counts
     plain = SMALL.replaced({"window": window, "seed": seed}, "test")
     coded = plain.replaced(code, "test")
     counts = ReferenceMap.build(drive, plain)
-    found = ReferenceMap.build(drive, coded)
-    assert found.pixel_map == counts.pixel_map
+    reference = ReferenceMap.build(drive, coded)
+    assert reference.pixel_map == counts.pixel_map
     columns = counts.places.counts.T.tolist()
     kind, bits = coded.counter_code, coded.counter_bits
     if coded.counter_scaling == "per-pixel":
         scales = [naive.usual_full_scale(column) for column in columns]
-        assert found.full_scale.tolist() == scales
+        assert reference.full_scale.tolist() == scales
     else:
         default = {"linear": 2**bits - 1, "sqrt": 63, "log": 127}
         scales = [default[kind]] * len(columns)
-        assert found.full_scale is None
+        assert reference.full_scale is None
     expected = [
         [naive.counter_code(kind, bits, scale, count) for count in column]
         for scale, column in zip(scales, columns, strict=True)
     ]
-    assert found.places.counts.T.tolist() == expected
+    assert reference.places.counts.T.tolist() == expected
     # a query is coded as the map is
-    result = found.match(drive)
+    result = reference.match(drive)
     matches, queries = result.matches, result.queries
-    assert np.array_equal(queries.counts, found.places.counts)
+    assert np.array_equal(queries.counts, reference.places.counts)
     assert not matches.distance_sum.any()
     assert counts.decoded(counts.places) is counts.places is counts.coded(counts.places)
-    assert np.array_equal(found.coded(counts.places).counts, found.places.counts)
-    back = found.decoded(found.places)
-    assert np.array_equal(found.codes.encode(back.counts), found.places.counts)
+    assert np.array_equal(reference.coded(counts.places).counts, reference.places.counts)
+    back = reference.decoded(reference.places)
+    assert np.array_equal(reference.codes.encode(back.counts), reference.places.counts)
 
 
 def test_pixels_are_selected_by_clipped_counts_as_in_the_released_code():
@@ -375,9 +375,9 @@ def test_count_frames_read_as_events_fill_windows_to_the_end_of_the_last_frame(
     plain = Settings(tau_us=100_000 * per_window, remove_bursts=False)
     every_pixel = PixelMap.all_of(SENSOR)
     for _ in range(2 if len(expected) else 0):  # a recording can be walked again
-        found = count_windows(drive, every_pixel, plain)
-        assert found.counts.tolist() == expected.tolist()
-        assert found.end_us[-1] == len(whole) * 100_000
+        windows = count_windows(drive, every_pixel, plain)
+        assert windows.counts.tolist() == expected.tolist()
+        assert windows.end_us[-1] == len(whole) * 100_000
 
 
 def test_a_part_of_a_recording_fills_windows_up_to_its_end(tmp_path):

@@ -63,8 +63,8 @@ def test_settings_are_a_preset_settings_a_file_or_keywords(folder, route):
     (folder / "small.toml").write_text('pixels = 5\nsigma = 1.0\ntau = "100ms"\n')
     recording = ev.open_recording(folder / "monday.npz")
     settings = ev.resolve_settings("default", flags=SMALL)
-    for given in (settings, folder / "small.toml", str(folder / "small.toml")):
-        made = ev.ReferenceMap.build(recording, given, track=ev.load_track(folder / "monday.csv"))
+    for chosen in (settings, folder / "small.toml", str(folder / "small.toml")):
+        made = ev.ReferenceMap.build(recording, chosen, track=ev.load_track(folder / "monday.csv"))
         assert made == route
     plain = ev.ReferenceMap.build(recording, None, **SMALL)
     assert plain == ev.ReferenceMap.build(recording, **SMALL) != route
@@ -111,11 +111,11 @@ def test_the_page_has_every_array_of_a_map_with_its_type_and_the_checksum(folder
     for name, array in arrays.items():
         assert str(array.dtype) in told[name].split("|"), name
     checksum = header.pop("checksum")
-    found = hashlib.sha256(json.dumps(header).encode())
+    digest = hashlib.sha256(json.dumps(header).encode())
     for name in sorted(arrays):
         array = arrays[name]
-        found.update(f"\n{name} {array.dtype.str} {array.shape}\n".encode() + array.tobytes())
-    assert found.hexdigest() == checksum
+        digest.update(f"\n{name} {array.dtype.str} {array.shape}\n".encode() + array.tobytes())
+    assert digest.hexdigest() == checksum
 
 
 @pytest.mark.parametrize("kind", ["map", "matches", "state", "results", "design"])
@@ -171,7 +171,7 @@ def test_a_slice_of_time_is_the_recording_between_two_moments(folder):
 def test_a_result_is_evaluated_by_tracks_or_by_a_truth(folder, route):
     result = route.match(folder / "tuesday.npz")
     tracks = [folder / "monday.csv", folder / "tuesday.csv"]
-    found = result.evaluate(tracks, tolerance_m=1.5)
+    evaluation = result.evaluate(tracks, tolerance_m=1.5)
     loaded = [ev.load_track(track) for track in tracks]
     truth = ev.from_tracks(
         *loaded, route.places.centre_us, result.queries.centre_us, tolerance_m=1.5
@@ -181,7 +181,7 @@ def test_a_result_is_evaluated_by_tracks_or_by_a_truth(folder, route):
         result.evaluate(truth),
         ev.evaluate(result.matches, truth),
     ):
-        assert other.to_dict() == found.to_dict()
+        assert other.to_dict() == evaluation.to_dict()
     online = route.match(folder / "tuesday.npz", every="window")
     assert online.queries is None
     assert online.evaluate(tracks, 1.5).queries == len(online)
@@ -210,9 +210,9 @@ def test_a_saved_result_is_read_by_the_commands(folder, route, tmp_path, capsys)
 
 def test_matching_settings_are_keywords_and_others_are_refused(folder, route):
     plain = route.match(folder / "tuesday.npz", smooth=False).matches
-    asked = dataclasses.replace(route.settings, smooth=False)
-    assert route.match(folder / "tuesday.npz", settings=asked).matches == plain
-    assert plain.settings == asked and route.settings.smooth
+    changed = dataclasses.replace(route.settings, smooth=False)
+    assert route.match(folder / "tuesday.npz", settings=changed).matches == plain
+    assert plain.settings == changed and route.settings.smooth
     with pytest.raises(UsageError, match=r"match: setting pixels = 6, and the map was made with 5"):
         route.match(folder / "tuesday.npz", pixels=6)
 
@@ -230,8 +230,8 @@ def test_a_camera_that_sees_a_quarter_of_the_events_is_matched_live_too():
     few = events[np.random.default_rng(0).random(events.size) < 1 / 4]
     truth = (first.track, second.track)
     for how, begin in (({}, 0), ({"smooth": False}, 20), ({"every": "window"}, 20)):
-        found = route.match(few, **how).evaluate(truth, tolerance_m=10)
-        assert found.correct[begin:].mean() > 0.8  # live, once the gain is known
+        evaluation = route.match(few, **how).evaluate(truth, tolerance_m=10)
+        assert evaluation.correct[begin:].mean() > 0.8  # live, once the gain is known
 
 
 @pytest.mark.filterwarnings("error")
@@ -481,8 +481,8 @@ def test_frames_as_long_as_a_window_have_places_at_whole_windows(stated, places,
     frames = np.random.default_rng(1).integers(0, 4, (round(8 / period), 12, 16)).astype(np.uint8)
     np.savez(tmp_path / "given.npz", frames=frames)
     np.savez(tmp_path / "stated.npz", frames=frames, window_s=period)
-    for name, given in (("given", stated), ("stated", None)):
-        drive = ev.open_recording(tmp_path / f"{name}.npz", frame_period=given)
+    for name, frame_period in (("given", stated), ("stated", None)):
+        drive = ev.open_recording(tmp_path / f"{name}.npz", frame_period=frame_period)
         assert drive.frame_period == Fraction(stated)
         assert len(ev.ReferenceMap.build(drive, pixels=5, sigma=1)) == places
 
@@ -578,8 +578,8 @@ def test_settings_may_be_numbers_of_numpy(folder, route):
         folder / "monday.npz", track=folder / "monday.csv", **SMALL | {"pixels": np.int64(5)}
     )
     assert made == route
-    found = route.match(folder / "tuesday.npz", precision=np.float64(0.5), smooth=np.False_)
-    assert found.matches.settings == route.settings.replaced(
+    result = route.match(folder / "tuesday.npz", precision=np.float64(0.5), smooth=np.False_)
+    assert result.matches.settings == route.settings.replaced(
         {"precision": 0.5, "smooth": False}, "test"
     )
 
@@ -641,8 +641,8 @@ def test_types_of_public_names_can_be_read():
         for each in members:
             function = getattr(each, "fget", None) or getattr(each, "__func__", each)
             if inspect.isfunction(function):
-                found = get_type_hints(function, localns=optional)
-                assert found.keys() == function.__annotations__.keys()
+                hints = get_type_hints(function, localns=optional)
+                assert hints.keys() == function.__annotations__.keys()
 
 
 def test_a_path_is_taken_where_a_recording_is(route, tmp_path):

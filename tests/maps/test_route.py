@@ -36,8 +36,8 @@ def a_map(places):
 
 def test_a_place_is_where_the_drive_was_in_the_middle_of_its_window(tmp_path):
     track = Track([1_000_000, 3_000_000, 4_000_000], [[0.0, 0.0], [6.0, 8.0], [6.0, 8.0]])
-    found = with_positions(a_map(5), track)
-    found.save(tmp_path / "map.npz")
+    reference = with_positions(a_map(5), track)
+    reference.save(tmp_path / "map.npz")
     route = ReferenceMap.load(tmp_path / "map.npz").route
     assert route is not None and route.coordinates == ("x_m", "y_m")
     assert np.isnan(route.position[[0, 4]]).all() and np.isnan(route.along_m[[0, 4]]).all()
@@ -52,13 +52,13 @@ def test_a_track_of_another_drive_is_refused():
 
 @given(
     along=st.lists(st.one_of(st.none(), st.integers(0, 50)), min_size=1, max_size=12).filter(
-        lambda found: any(value is not None for value in found)
+        lambda along: any(value is not None for value in along)
     ),
     within=st.integers(0, 3),
 )
 def test_the_interval_spans_the_known_places_around_the_match(along, within):
-    known = sorted(value for value in along if value is not None)
-    metres = [np.nan if value is None else float(known.pop(0)) for value in along]
+    ascending = sorted(value for value in along if value is not None)
+    metres = [np.nan if value is None else float(ascending.pop(0)) for value in along]
     route = Route(np.array(metres)[:, None], np.array(metres))
     located = route.locate(np.arange(len(metres)), within)
     for k in range(len(metres)):
@@ -68,7 +68,7 @@ def test_the_interval_spans_the_known_places_around_the_match(along, within):
     assert np.array_equal(located.along_m, metres, equal_nan=True)
 
 
-KNOWN = {"position": np.array([[0.0], [2.0]]), "along_m": np.array([0.0, 2.0])}
+ARRAYS = {"position": np.array([[0.0], [2.0]]), "along_m": np.array([0.0, 2.0])}
 
 
 @pytest.mark.parametrize(
@@ -86,12 +86,12 @@ KNOWN = {"position": np.array([[0.0], [2.0]]), "along_m": np.array([0.0, 2.0])}
 )
 def test_damaged_positions_are_refused(arrays, kind, says):
     with pytest.raises(MapError, match=says):
-        Route.from_arrays({**KNOWN, **arrays}, {"position_kind": kind})
+        Route.from_arrays({**ARRAYS, **arrays}, {"position_kind": kind})
 
 
 def test_positions_of_another_map_are_refused():
     with pytest.raises(MapError, match="position has 2 rows for 3 places"):
-        replace(a_map(3), route=Route(**KNOWN))
+        replace(a_map(3), route=Route(**ARRAYS))
 
 
 def test_matches_on_a_map_with_a_track_say_where_they_are(tmp_path, capsys):

@@ -25,8 +25,8 @@ from edge_vpr.settings import (
 def test_flags_lie_over_the_file_and_the_file_over_the_preset(tmp_path):
     path = tmp_path / "settings.toml"
     path.write_text('preset = "tiny"\nseed = 7\nsigma = 3\n')
-    found = resolve_settings("paper", path, {"seed": 9, "sigma": None})
-    assert (found.pixels, found.seed, found.sigma) == (25, 9, 3)
+    resolved = resolve_settings("paper", path, {"seed": 9, "sigma": None})
+    assert (resolved.pixels, resolved.seed, resolved.sigma) == (25, 9, 3)
 
 
 def test_the_presets_are_the_paper_its_code_and_a_small_one():
@@ -90,9 +90,9 @@ def test_the_flags_of_a_counter_code_reach_the_settings():
     parser = argparse.ArgumentParser()
     add_map_flags(parser)
     flags = "--counter-code log --counter-bits 4 --counter-scaling shared"
-    found = map_settings(parser.parse_args(flags.split()))
-    found = found.counter_code, found.counter_bits, found.counter_scaling
-    assert found == ("log", 4, "shared")
+    settings = map_settings(parser.parse_args(flags.split()))
+    settings = settings.counter_code, settings.counter_bits, settings.counter_scaling
+    assert settings == ("log", 4, "shared")
     assert map_settings(parser.parse_args([])) == PRESETS["default"]
 
 
@@ -142,18 +142,18 @@ def test_every_setting_is_tried():
 def test_a_file_takes_the_words_of_the_flag(tmp_path, key):
     word, field = ALL_FLAGS[key], next(f for f in SETTING_FIELDS.values() if f.key == key)
     in_toml = word if word.replace(".", "").isdigit() else f'"{word}"'
-    found = by_flags(f"--{key.replace('_', '-')}", word)
-    assert found != PRESETS["default"]
-    assert by_file(tmp_path, f"{key} = {in_toml}\n") == found
-    assert field.word(getattr(found, field.name)) == word
+    settings = by_flags(f"--{key.replace('_', '-')}", word)
+    assert settings != PRESETS["default"]
+    assert by_file(tmp_path, f"{key} = {in_toml}\n") == settings
+    assert field.word(getattr(settings, field.name)) == word
 
 
 @pytest.mark.parametrize("key", SWITCHES)
 def test_a_switch_is_true_in_a_file(tmp_path, key):
     on = SWITCHES[key]
-    found = by_flags(f"--{'' if on else 'no-'}{key.replace('_', '-')}")
-    assert found != PRESETS["default"]
-    assert by_file(tmp_path, f"{key} = {str(on).lower()}\n") == found
+    settings = by_flags(f"--{'' if on else 'no-'}{key.replace('_', '-')}")
+    assert settings != PRESETS["default"]
+    assert by_file(tmp_path, f"{key} = {str(on).lower()}\n") == settings
 
 
 @pytest.mark.parametrize(
@@ -170,8 +170,8 @@ def test_a_file_takes_the_names_of_attributes_too(tmp_path, names, flags):
 
 def test_the_mean_of_a_query_is_a_running_one_where_no_later_windows_are_known():
     matchings = ({"matching": "sequence"}, {"smooth": True}, {"smooth": False})
-    found = [PRESETS["default"].replaced(one, "") for one in matchings]
-    assert [one.running_mean for one in found] == [False, False, True]
+    chosen = [PRESETS["default"].replaced(one, "") for one in matchings]
+    assert [one.running_mean for one in chosen] == [False, False, True]
 
 
 @pytest.mark.parametrize("name", ["clip", "events_per_pixel", "precision"])
@@ -224,18 +224,20 @@ def test_a_word_of_a_setting_of_words_is_read_as_what_it_means():
     ],
 )
 def test_settings_belong_to_a_profile_or_say_what_to_change(preset, changes, profile):
-    found = PRESETS[preset].replaced(changes, "the test")
-    assert found.profile == profile
+    settings = PRESETS[preset].replaced(changes, "the test")
+    assert settings.profile == profile
     if profile is not None:
-        assert found.beyond_profile == ""
+        assert settings.beyond_profile == ""
         return
-    asked = found.beyond_profile.partition(" map with ")[2].partition(" for ")[0].split(", ")
-    wanted = dict(one.split(" = ") for one in asked)
+    differences = (
+        settings.beyond_profile.partition(" map with ")[2].partition(" for ")[0].split(", ")
+    )
+    wanted = dict(one.split(" = ") for one in differences)
     assert wanted
     # what it names is all that there is to change
     values = {"false": False, "none": None}
     named = {name: values.get(value, value) for name, value in wanted.items()}
-    assert found.replaced(named, "the test").profile in ("robot", "paper")
+    assert settings.replaced(named, "the test").profile in ("robot", "paper")
 
 
 def test_keywords_for_type_checkers_are_the_settings_with_their_types():
@@ -317,5 +319,7 @@ def test_a_type_checker_sees_a_misspelt_setting_and_a_wrong_value(tmp_path):
     )
     assert not errors
     first = _TYPED.count("\n") + 1
-    found = sorted(int(line.split(":")[1]) for line in report.splitlines() if ": error:" in line)
-    assert found == [first + i for i in range(_WRONG.count("\n"))]
+    error_lines = sorted(
+        int(line.split(":")[1]) for line in report.splitlines() if ": error:" in line
+    )
+    assert error_lines == [first + i for i in range(_WRONG.count("\n"))]

@@ -367,9 +367,9 @@ def test_an_output_that_is_the_input_by_any_name_is_refused(tmp_path, monkeypatc
     for output in (
         source, "drive.npz", "./drive.npz", "soft.npz", "hard.npz", "around/drive.npz",
     ):  # fmt: skip
-        for given in (source, "drive.npz", "soft.npz"):
+        for input_name in (source, "drive.npz", "soft.npz"):
             with pytest.raises(UsageError, match="is the input"):
-                check_output(output, ["none.npz", given])
+                check_output(output, ["none.npz", input_name])
 
 
 def test_an_output_folder_around_an_input_is_refused(tmp_path):
@@ -377,9 +377,9 @@ def test_an_output_folder_around_an_input_is_refused(tmp_path):
     source = tmp_path / "results" / "deep" / "map.npz"
     source.write_text("map")
     (tmp_path / "link.npz").symlink_to(source)
-    for given in (source, tmp_path / "link.npz"):
+    for input_path in (source, tmp_path / "link.npz"):
         with pytest.raises(UsageError, match="holds the input"):
-            check_output(tmp_path / "results", [given])
+            check_output(tmp_path / "results", [input_path])
 
 
 def test_an_output_in_an_input_folder_is_refused_and_beside_it_is_not(tmp_path):

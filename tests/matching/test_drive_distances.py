@@ -32,7 +32,7 @@ def test_a_sequence_that_leaves_the_matrix_counts_what_is_inside(seed, places, q
     reference, query = rng.integers(0, 50, (places, 3)), rng.integers(0, 50, (queries, 3))
     length = data.draw(st.integers(1, min(places, queries)))
     settings = Settings(sequence_length=length)
-    found = drive_distances(descriptors(reference), descriptors(query), settings)
+    matrix = drive_distances(descriptors(reference), descriptors(query), settings)
     before = length // 2
     plain = naive.distance_matrix(reference.tolist(), query.tolist())
     for k in range(places):
@@ -42,7 +42,7 @@ def test_a_sequence_that_leaves_the_matrix_counts_what_is_inside(seed, places, q
                 for i in range(-before, length - before)
                 if 0 <= k + i < places and 0 <= q + i < queries
             ]
-            assert found[k, q] == sum(inside) / len(inside)
+            assert matrix[k, q] == sum(inside) / len(inside)
 
 
 @pytest.mark.parametrize("smooth", [False, True])
@@ -53,11 +53,11 @@ def test_a_match_is_where_its_column_is_least(smooth, matching):
     query = np.maximum(reference[5:30] + rng.integers(-2, 3, (25, 6)), 0)
     settings = Settings(matching=matching, smooth=smooth and matching == "filter")
     places, queries = descriptors(reference), descriptors(query)
-    found = drive_distances(places, queries, settings)
-    assert found.shape == (40, 25)
-    assert np.isfinite(found).all()
+    matrix = drive_distances(places, queries, settings)
+    assert matrix.shape == (40, 25)
+    assert np.isfinite(matrix).all()
     matches = match_descriptors(places, queries, settings)
-    columns = found[:, matches.query]
+    columns = matrix[:, matches.query]
     if matching == "sequence":
         inner = slice(2, 38)
         assert np.array_equal(columns[inner].argmin(axis=0) + 2, matches.place)
@@ -90,11 +90,11 @@ def test_match_writes_the_matrix_and_figures_in_the_formats_that_are_named(
     command = f"match {drives}/map.npz {drives}/query.npz -o {tmp_path}/out"
     matrix = tmp_path / "d.npy"
     assert cli.main(f"{command} --matrix {matrix} --figures pdf,svg".split()) == 0
-    found = np.load(matrix)
-    assert found.dtype == np.float64
-    assert np.isfinite(found).all()
+    saved = np.load(matrix)
+    assert saved.dtype == np.float64
+    assert np.isfinite(saved).all()
     queries = Matches.load(tmp_path / "out/matches.npz").query[-1] + 2  # L = 3, in the middle
-    assert found.shape == (len(ReferenceMap.load(drives / "map.npz")), queries)
+    assert saved.shape == (len(ReferenceMap.load(drives / "map.npz")), queries)
     pictures = {path.suffix for path in (tmp_path / "out").glob("pixels.*")}
     assert pictures == {".pdf", ".svg"}
     assert (tmp_path / "out/pixels.pdf").read_bytes().startswith(b"%PDF")

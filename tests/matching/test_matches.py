@@ -42,32 +42,32 @@ def test_matches_equal_the_oracle_in_blocks_of_any_size(
     settings = Settings(sequence_length=length, exclusion=exclusion)
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(sequences, "BLOCK_DISTANCES", block)
-        found = match_descriptors(descriptors(reference), descriptors(query), settings)
+        matches = match_descriptors(descriptors(reference), descriptors(query), settings)
 
     offset = length // 2
     sums = naive.sequence_sums(naive.distance_matrix(reference.tolist(), query.tolist()), length)
-    assert found.query.tolist() == list(range(offset, offset + queries - length + 1))
-    for i in range(len(found)):
+    assert matches.query.tolist() == list(range(offset, offset + queries - length + 1))
+    for i in range(len(matches)):
         column = [row[i] for row in sums]
         best, second, ties = naive.best_and_second(column, exclusion)
-        assert found.place[i] == best + offset
-        assert found.distance_sum[i] == column[best]
-        assert found.ties[i] == ties
-        assert found.second[i] == (-1 if second < 0 else second + offset)
+        assert matches.place[i] == best + offset
+        assert matches.distance_sum[i] == column[best]
+        assert matches.ties[i] == ties
+        assert matches.second[i] == (-1 if second < 0 else second + offset)
         if second >= 0:
-            assert found.second_sum[i] == column[second]
+            assert matches.second_sum[i] == column[second]
         nearest = sorted(range(len(column)), key=lambda k: (column[k], k))[:CANDIDATES]
-        kept = found.candidates[i][found.candidates[i] >= 0]
+        kept = matches.candidates[i][matches.candidates[i] >= 0]
         assert kept.tolist() == [k + offset for k in nearest]
 
 
 def test_the_ratio_is_one_in_doubt_and_not_a_number_without_a_second():
     settings = Settings(sequence_length=1, exclusion=1)
     reference = descriptors([[0], [9], [9], [0]])
-    found = match_descriptors(reference, descriptors([[0], [9]]), settings)
-    assert found.place.tolist() == [0, 1]
-    assert found.second.tolist() == [3, 3]
-    assert found.ratio.tolist() == [1.0, 0.0]
+    matches = match_descriptors(reference, descriptors([[0], [9]]), settings)
+    assert matches.place.tolist() == [0, 1]
+    assert matches.second.tolist() == [3, 3]
+    assert matches.ratio.tolist() == [1.0, 0.0]
     alone = match_descriptors(descriptors([[4]]), descriptors([[5]]), settings)
     assert alone.second.tolist() == [-1]
     assert np.isnan(alone.ratio).all()
@@ -77,30 +77,30 @@ def test_the_ratio_is_one_in_doubt_and_not_a_number_without_a_second():
 def test_matches_come_back_from_disk_as_they_were(tmp_path):
     rng = np.random.default_rng(0)
     settings = Settings(sequence_length=3)
-    found = match_descriptors(
+    matches = match_descriptors(
         descriptors(rng.integers(0, 9, (30, 5))), descriptors(rng.integers(0, 9, (9, 5))), settings
     )
-    found.save(tmp_path / "matches.npz")
+    matches.save(tmp_path / "matches.npz")
     again = Matches.load(tmp_path / "matches.npz")
-    assert again.settings == found.settings
+    assert again.settings == matches.settings
     assert again.places_in_map == 30
     for name in ("query", "time_us", "place", "distance_sum", "second", "candidates", "ties"):
-        assert np.array_equal(getattr(again, name), getattr(found, name)), name
+        assert np.array_equal(getattr(again, name), getattr(matches, name)), name
 
 
 def test_the_table_says_per_query_what_the_arrays_say(tmp_path):
     rng = np.random.default_rng(0)
     settings = Settings(sequence_length=2)
-    found = match_descriptors(
+    matches = match_descriptors(
         descriptors(rng.integers(0, 9, (30, 5))), descriptors(rng.integers(0, 9, (9, 5))), settings
     )
-    write_csv(tmp_path / "matches.csv", found)
+    write_csv(tmp_path / "matches.csv", matches)
     with (tmp_path / "matches.csv").open(newline="") as file:
         rows = list(csv.DictReader(file))
-    assert [int(row["place"]) for row in rows] == found.place.tolist()
-    assert [int(row["second"]) for row in rows] == found.second.tolist()
-    assert [float(row["time_s"]) for row in rows] == (found.time_us / 1e6).tolist()
-    assert np.allclose([float(row["ratio"]) for row in rows], found.ratio, atol=1e-6)
+    assert [int(row["place"]) for row in rows] == matches.place.tolist()
+    assert [int(row["second"]) for row in rows] == matches.second.tolist()
+    assert [float(row["time_s"]) for row in rows] == (matches.time_us / 1e6).tolist()
+    assert np.allclose([float(row["ratio"]) for row in rows], matches.ratio, atol=1e-6)
 
 
 def test_descriptors_of_other_lengths_are_refused():
@@ -123,17 +123,17 @@ def test_matches_by_the_filter_name_no_sequence_length():
 def test_what_is_printed_of_results_is_one_short_line_whatever_their_size():
     rng = np.random.default_rng(0)
     reference = saved_files.map_of({"matching": "filter"}, rng)
-    found = match_descriptors(reference.places, reference.places, reference.settings)
+    matches = match_descriptors(reference.places, reference.places, reference.settings)
     n = len(reference)
     truth = GroundTruth(np.eye(n, dtype=np.bool_), np.ones(n, dtype=np.bool_), "the test")
-    result = evaluate(found, truth)
+    result = evaluate(matches, truth)
     times = np.arange(n, dtype=np.int64)
     shown = [
         *(reference, reference.places, reference.pixel_map, reference.confidence, reference.route),
-        *(found, truth, result, result.curve, Track(times, times[:, None] * 1.0)),
+        *(matches, truth, result, result.curve, Track(times, times[:, None] * 1.0)),
     ]
     for each in shown:
         assert repr(each).startswith(f"{type(each).__name__}(")
         assert len(repr(each)) < 120
         assert "array" not in repr(each)
-    assert "place filter" in repr(found)
+    assert "place filter" in repr(matches)

@@ -36,24 +36,24 @@ def write(folder, text, name="file.csv"):
 
 
 def test_a_table_of_distance_is_read_to_the_millimetre(tmp_path):
-    found = load_odometry(write(tmp_path, "time_s,distance_m\n0,1\n0.1,1.0015\n2,-3\n"))
-    assert found.time_us.tolist() == [0, 100_000, 2_000_000]
-    assert found.distance_mm.tolist() == [1000, 1002, -3000]
+    odometry = load_odometry(write(tmp_path, "time_s,distance_m\n0,1\n0.1,1.0015\n2,-3\n"))
+    assert odometry.time_us.tolist() == [0, 100_000, 2_000_000]
+    assert odometry.distance_mm.tolist() == [1000, 1002, -3000]
 
 
 def test_a_table_in_memory_is_the_odometry_of_its_file(tmp_path):
     table = {"time_s": [0, 0.1, 2], "distance_m": [1, 1.0015, -3]}
-    found = load_odometry(table)
+    odometry = load_odometry(table)
     expected = load_odometry(write(tmp_path, "time_s,distance_m\n0,1\n0.1,1.0015\n2,-3\n"))
-    assert found.time_us.tolist() == expected.time_us.tolist()
-    assert found.distance_mm.tolist() == expected.distance_mm.tolist()
+    assert odometry.time_us.tolist() == expected.time_us.tolist()
+    assert odometry.distance_mm.tolist() == expected.distance_mm.tolist()
     with pytest.raises(GroundTruthError, match=r"^the odometry data has the header 'time_s,x_m'"):
         load_odometry({"time_s": [0, 1], "x_m": [0, 1]})
 
 
 def test_a_table_of_speed_is_integrated_by_the_mean_of_two_rows(tmp_path):
-    found = load_odometry(write(tmp_path, "time_s,speed_mps\n0,0\n1,2\n3,2\n4,-2\n"))
-    assert found.distance_mm.tolist() == [0, 1000, 5000, 5000]
+    odometry = load_odometry(write(tmp_path, "time_s,speed_mps\n0,0\n1,2\n3,2\n4,-2\n"))
+    assert odometry.distance_mm.tolist() == [0, 1000, 5000, 5000]
 
 
 @pytest.mark.parametrize(
@@ -82,9 +82,9 @@ def test_leaps_of_an_odometer_that_starts_again_add_nothing_and_are_named(tmp_pa
     with pytest.warns(
         EdgeVprWarning, match=r"leaps by -293\.0 m at 43 s and 1 times more, as an od"
     ):
-        found = load_odometry(path)
-    steps = np.diff(found.distance_mm)
-    assert found.distance_mm[0] == 5000
+        odometry = load_odometry(path)
+    steps = np.diff(odometry.distance_mm)
+    assert odometry.distance_mm[0] == 5000
     assert np.flatnonzero(steps != 7000).tolist() == [42, 85]
     assert steps[[42, 85]].tolist() == [0, 0]
 
@@ -98,26 +98,26 @@ def test_an_odometer_that_says_more_than_any_robot_drives_is_refused(tmp_path):
 
 def test_the_way_of_a_window_lies_between_its_last_reading_and_that_of_the_window_before():
     odometry = Odometry(np.array([5, 9, 10, 25, 41, 52]), np.array([1, 2, 4, 8, 16, 32]))
-    travelled, driven, known = odometry.of_windows(np.array([10, 20, 30, 40, 50, 60]))
+    travelled, driven, measured = odometry.of_windows(np.array([10, 20, 30, 40, 50, 60]))
     # a reading at 10 is in the window that begins there; the fourth window has none
-    assert known.tolist() == [False, True, True, False, False, True]
-    assert travelled[known].tolist() == driven[known].tolist() == [2, 4, 16]
+    assert measured.tolist() == [False, True, True, False, False, True]
+    assert travelled[measured].tolist() == driven[measured].tolist() == [2, 4, 16]
 
 
 def test_short_distances_count_once_they_add_up_to_a_place():
     odometry = Odometry(np.arange(5, 105, 10), np.array([0, 3, 6, 9, 9, 12, 8, 9, 14, 13]))
-    travelled, driven, known = odometry.of_windows(np.arange(10, 110, 10), 8)
+    travelled, driven, measured = odometry.of_windows(np.arange(10, 110, 10), 8)
     # with places 8 apart, half of that in one window counts at once, and what was held with it
     assert travelled.tolist() == [0, 0, 0, 9, 0, 0, -1, 0, 6, 0]
     assert driven.tolist() == [0, 3, 3, 3, 0, 3, -4, 1, 5, -1]
-    assert known.tolist() == [False, *[True] * 9]
+    assert measured.tolist() == [False, *[True] * 9]
     # windows without a reading, or after one without, hold it on
     gap = Odometry(np.array([5, 15, 45, 55]), np.array([0, 3, 90, 99]))
-    travelled, _, known = gap.of_windows(np.arange(10, 70, 10), 8)
-    assert travelled[known].tolist() == [0, 12]
+    travelled, _, measured = gap.of_windows(np.arange(10, 70, 10), 8)
+    assert travelled[measured].tolist() == [0, 12]
     gap = Odometry(np.array([5, 15, 45, 55]), np.array([0, 3, 90, 93]))
-    travelled, _, known = gap.of_windows(np.arange(10, 70, 10), 8)
-    assert travelled[known].tolist() == [0, 0]
+    travelled, _, measured = gap.of_windows(np.arange(10, 70, 10), 8)
+    assert travelled[measured].tolist() == [0, 0]
 
 
 @given(seed=st.integers(0, 2**32), spacing=st.integers(1, 20))
@@ -125,14 +125,15 @@ def test_what_counts_of_a_drive_is_what_the_oracle_says(seed, spacing):
     rng = np.random.default_rng(seed)
     read = np.flatnonzero(rng.random(30) < 0.9)
     odometry = Odometry(read * 10 + 5, np.cumsum(rng.integers(-6, 13, read.size)))
-    travelled, every, known = odometry.of_windows(np.arange(10, 310, 10), spacing)
+    travelled, every, measured = odometry.of_windows(np.arange(10, 310, 10), spacing)
     shown = dict(zip(read.tolist(), odometry.distance_mm.tolist(), strict=True))
     both = [j in shown and j - 1 in shown for j in range(30)]
     driven = [shown[j] - shown[j - 1] if both[j] else None for j in range(30)]
-    found = [
-        mm if is_known else None for mm, is_known in zip(travelled.tolist(), known, strict=True)
+    counted = [
+        mm if is_measured else None
+        for mm, is_measured in zip(travelled.tolist(), measured, strict=True)
     ]
-    assert found == anchored(driven, spacing)
+    assert counted == anchored(driven, spacing)
     assert every.tolist() == [mm or 0 for mm in driven]
 
 
@@ -284,9 +285,9 @@ def test_readings_at_other_times_than_the_drive_are_refused(tmp_path, capsys, on
     for name in ("unix", "backwards", "half", "good"):
         text = said("map", drive, "-o", route, *small, "--odometry", files[name])
         assert ("does not move forward by" in text) == (name in ("unix", "backwards"))
-    asked = ["match", route, drive, "-o", tmp_path / "out", "--no-figures", *online, "--odometry"]
+    command = ["match", route, drive, "-o", tmp_path / "out", "--no-figures", *online, "--odometry"]
     for name in files:
-        text = said(*asked, files[name], fails=name == "unix")
+        text = said(*command, files[name], fails=name == "unix")
         assert ("give times in seconds from the recording's" in text) == (name == "unix")
         assert re.search(r"odometry: readings at \d+ of \d+ matches", text) or name == "unix"
 
@@ -298,8 +299,10 @@ def test_evidence_counts_by_the_distance_driven():
         costs = TransitionCosts(places_per_window=per_window)
         transitions = Transitions(6, costs, along_mm=along)
         window = 1_000 * per_window
-        found = [transitions.weight_by_distance(mm) for mm in (0, 1, -window // 4, window, MOST_MM)]
-        assert found == [0, 1, 2, 8, 8]
+        weights = [
+            transitions.weight_by_distance(mm) for mm in (0, 1, -window // 4, window, MOST_MM)
+        ]
+        assert weights == [0, 1, 2, 8, 8]
     place_filter = PlaceFilter(transitions)
     rng = np.random.default_rng(0)
     place_filter.update(rng.integers(0, 99, 6), 50)

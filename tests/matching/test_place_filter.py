@@ -78,12 +78,12 @@ def test_metrics_matches_and_trust_equal_the_oracle(
     seen = rng.integers(-128, 128, places).astype(np.int32)
     typical = rng.integers(-largest, largest + 1, places)
     transitions = Transitions(places, steps, seen, along, typical, exclusion)
-    found = PlaceFilter(transitions, mean_activity)
+    place_filter = PlaceFilter(transitions, mean_activity)
     page = drive_map(
         steps, seen.tolist(), typical.tolist(), mean_activity, exclusion,
         [] if along is None else along.tolist(),
     )  # fmt: skip
-    distances = distances[:, : found.sums]
+    distances = distances[:, : place_filter.sums]
     # before the first window, there is no place to go on from
     driven = [None, *driven[1:]]
     rows = windows_of(page, distances.tolist(), events.tolist(), driven)
@@ -92,33 +92,33 @@ def test_metrics_matches_and_trust_equal_the_oracle(
     hypotheses = len(page.filter.gains)
     for w, (row, count, expected) in enumerate(zip(distances, events, matches, strict=True)):
         if driven[w] is not None:
-            found.predict_travelled(counted_mm[w], driven[w])
-        match = found.update(row, int(count))
-        assert found.state.metric[:, :hypotheses].T.tolist() == rows[w].metrics
-        assert found.place == rows[w].advanced.best.place
+            place_filter.predict_travelled(counted_mm[w], driven[w])
+        match = place_filter.update(row, int(count))
+        assert place_filter.state.metric[:, :hypotheses].T.tolist() == rows[w].metrics
+        assert place_filter.place == rows[w].advanced.best.place
         second = -1 if match.second < 0 else match.second_distance
         told = match.place, match.distance, match.second, second, match.ties
         assert (*told, match.trust) == row_of_match(expected)
         assert match.misfit == misfits[w]
 
 
-def misfits_of(rows, typical, found=None):
+def misfits_of(rows, typical, bests=None):
     """Misfit of each window at its best place, of the window or of the whole drive."""
-    found = found or [row.advanced.best for row in rows]
+    bests = bests or [row.advanced.best for row in rows]
     return [
         misfit_of(row, one.gain, one.place, int(typical[one.place]))
-        for row, one in zip(rows, found, strict=True)
+        for row, one in zip(rows, bests, strict=True)
     ]
 
 
 def test_after_a_spread_above_2_to_16_a_window_is_scaled_by_its_own():
     distances = np.array([[0, 10**6, 0, 0], [9, 5, 40, 7], [9, 5, 40, 7]])
-    found = PlaceFilter(Transitions(4, TransitionCosts()))
+    place_filter = PlaceFilter(Transitions(4, TransitionCosts()))
     page = drive_map(TransitionCosts(), [0] * 4, [0] * 4, 0, 3)
     rows = windows_of(page, [[row] for row in distances.tolist()], [50] * 3)
     for row, one, expected in zip(distances, rows, live_matches(rows), strict=True):
-        match = found.update(row, 50)
-        assert found.state.metric[:, :1].T.tolist() == one.metrics
+        match = place_filter.update(row, 50)
+        assert place_filter.state.metric[:, :1].T.tolist() == one.metrics
         assert (match.place, match.trust) == (expected.place, expected.trust)
     assert len(set(rows[1].metrics[0])) > 1  # evidence counted, though the window before had none
 
@@ -155,7 +155,7 @@ def test_a_drive_has_the_cost_of_the_best_path_through_each_place(
     counted = replace(
         descriptors(queries), selected=events, events=np.maximum(events, 1), unseen=unseen
     )
-    found = match_descriptors(mapped, counted, chosen, along_mm=along, odometry=odometry)
+    matches = match_descriptors(mapped, counted, chosen, along_mm=along, odometry=odometry)
     number, selected = steps.places_per_window, mapped.selected_events.tolist()
     mean_activity = mean_activity_of(selected, number)
     typical = typical_distances(reference.tolist())
@@ -175,15 +175,15 @@ def test_a_drive_has_the_cost_of_the_best_path_through_each_place(
     whole = [costs for _, costs in smoothed(page, rows)] if smooth else [r.metrics for r in rows]
     for w, match in enumerate(expected):
         second = -1 if match.second is None else match.second
-        assert (found.place[w], found.second[w], found.ties[w]) == (
+        assert (matches.place[w], matches.second[w], matches.ties[w]) == (
             match.place, second, match.ties,
         )  # fmt: skip
-        assert (found.distance_sum[w], found.trust[w]) == (match.sum, match.trust)
+        assert (matches.distance_sum[w], matches.trust[w]) == (match.sum, match.trust)
         (metric,) = whole[w]
         nearest = sorted(range(places), key=lambda k: (metric[k], k))
-        assert found.candidates[w][: min(places, 25)].tolist() == nearest[:25]
+        assert matches.candidates[w][: min(places, 25)].tolist() == nearest[:25]
     misfits = smoothed_misfits if smooth else running_misfits
-    assert found.misfit.tolist() == misfits(misfits_of(rows, typical, best))
+    assert matches.misfit.tolist() == misfits(misfits_of(rows, typical, best))
 
 
 @given(
@@ -201,10 +201,10 @@ def test_the_cost_of_whole_paths_over_gains_equals_the_oracle(
     along, driven = random_distances(rng, places, windows, spacing)
     seen, typical = rng.integers(-60, 60, places).astype(np.int32), rng.integers(-40, 40, places)
     events, driven = rng.choice(EVENTS, windows), [None, *driven[1:]]
-    found = PlaceFilter(
+    place_filter = PlaceFilter(
         Transitions(places, steps, seen, along, typical, 2), 256 * 100, PATIENCE_SMOOTHED
     )
-    distances = rng.integers(0, 60, (windows, 3, places))[:, : found.sums]
+    distances = rng.integers(0, 60, (windows, 3, places))[:, : place_filter.sums]
     page = drive_map(
         steps, seen.tolist(), typical.tolist(), 256 * 100, 2,
         [] if along is None else along.tolist(),
@@ -214,11 +214,11 @@ def test_the_cost_of_whole_paths_over_gains_equals_the_oracle(
     done = []
     for w, row in enumerate(distances):
         if driven[w] is not None:
-            found.predict_travelled(counted_mm[w], driven[w])
-        done.append(found.update_windows(row[None], events[w : w + 1].astype(np.int64)))
+            place_filter.predict_travelled(counted_mm[w], driven[w])
+        done.append(place_filter.update_windows(row[None], events[w : w + 1].astype(np.int64)))
     results = WindowRows(*(np.concatenate(column) for column in zip(*done, strict=True)))
     residual = np.empty(windows, dtype=np.int64)
-    BackwardPass(found.transitions).add_to(results, counted_mm, [0] * windows, residual)
+    BackwardPass(place_filter.transitions).add_to(results, counted_mm, [0] * windows, residual)
     for w, (one, costs_of_paths) in enumerate(smoothed(page, rows)):
         assert results.best[w].tolist() == [one.place, one.gain]
         assert results.matches["place"][w] == one.told
@@ -244,8 +244,8 @@ def test_the_windows_after_decide_with(smooth, first):
     queries = reference[25:35].copy()
     queries[0] = reference[5]
     chosen = Settings(matching="filter", pixels=12, smooth=smooth)
-    found = match_descriptors(descriptors(reference), descriptors(queries), chosen)
-    assert found.place.tolist() == [first, *range(26, 35)]
+    matches = match_descriptors(descriptors(reference), descriptors(queries), chosen)
+    assert matches.place.tolist() == [first, *range(26, 35)]
 
 
 def test_a_smoothed_match_that_stays_at_one_place_loses_trust():
@@ -254,9 +254,9 @@ def test_a_smoothed_match_that_stays_at_one_place_loses_trust():
     reference = rng.integers(0, 100, (30, 12))
     waits = reference[[*range(10), *[10] * 40, *range(11, 30)]]
     chosen = Settings(matching="filter", pixels=12, smooth=True)
-    found = match_descriptors(descriptors(reference), descriptors(waits), chosen)
-    assert (found.place[10:50] == 10).all()
-    assert 4 * found.trust[30] < min(found.trust[4], found.trust[60])
+    matches = match_descriptors(descriptors(reference), descriptors(waits), chosen)
+    assert (matches.place[10:50] == 10).all()
+    assert 4 * matches.trust[30] < min(matches.trust[4], matches.trust[60])
 
 
 @pytest.mark.parametrize("values", [1, 40, 200])
@@ -302,8 +302,8 @@ def test_one_wrong_window_does_not_move_the_match():
     distances = drive_through(40, path, np.random.default_rng(0))
     distances[10, 35] = 0  # for one window, another place looks best
     distances[10, 10] = 8
-    found = PlaceFilter(Transitions(40, STEADY))
-    assert [found.update(row, 1).place for row in distances] == path
+    place_filter = PlaceFilter(Transitions(40, STEADY))
+    assert [place_filter.update(row, 1).place for row in distances] == path
 
 
 def test_a_drive_along_the_map_has_no_misfit_and_another_one_has():
@@ -312,17 +312,17 @@ def test_a_drive_along_the_map_has_no_misfit_and_another_one_has():
     for row in drive_through(60, list(range(50)), rng):
         assert along.update(row, 1).misfit == 0
     jumping = drive_through(60, rng.permutation(50).tolist(), rng)
-    found = [elsewhere.update(row, 1).misfit for row in jumping]
-    assert min(found[-20:]) >= OFF_MAP_MISFIT
+    misfits = [elsewhere.update(row, 1).misfit for row in jumping]
+    assert min(misfits[-20:]) >= OFF_MAP_MISFIT
     paused = elsewhere.update(np.full(60, 20), 0)  # which says nothing
-    assert paused.misfit == found[-1]
+    assert paused.misfit == misfits[-1]
 
 
 def test_after_being_carried_off_it_finds_itself_again():
     path = [*range(15), *range(60, 80)]
-    found = PlaceFilter(Transitions(100, STEADY))
+    place_filter = PlaceFilter(Transitions(100, STEADY))
     distances = drive_through(100, path, np.random.default_rng(1))
-    matches = [found.update(row, 1) for row in distances]
+    matches = [place_filter.update(row, 1) for row in distances]
     places = [match.place for match in matches]
     assert places[:15] == path[:15]
     jump = next(i for i in range(15, len(path)) if places[i] == path[i])
@@ -333,9 +333,9 @@ def test_after_being_carried_off_it_finds_itself_again():
 def test_a_view_that_stays_the_same_wins_no_trust():
     """A camera that stands, off the map, may see what it saw at one place of it."""
     distances = drive_through(60, [*range(10), *([30] * 25)], np.random.default_rng(4))
-    found = PlaceFilter(Transitions(60, STEADY), mean_activity=256)
-    moving = [found.update(row, 1) for row in distances[:10]]
-    standing = [found.update(row, 1) for row in distances[10:]]
+    place_filter = PlaceFilter(Transitions(60, STEADY), mean_activity=256)
+    moving = [place_filter.update(row, 1) for row in distances[:10]]
+    standing = [place_filter.update(row, 1) for row in distances[10:]]
     assert [match.place for match in standing[-19:]] == [30] * 19
     assert max(match.trust for match in standing[3:]) < moving[-1].trust // 2
 
@@ -345,8 +345,8 @@ def test_a_path_along_places_that_do_not_fit_is_not_trusted():
     distances = drive_through(60, list(range(10, 30)), np.random.default_rng(5))
     distances[15:] = 20
     distances[15:, 45:50] = 20 - 12 * np.eye(5, dtype=np.int64)
-    found = PlaceFilter(Transitions(60, replace(STEADY, restart=30)))
-    matches = [found.update(row, 1) for row in distances]
+    place_filter = PlaceFilter(Transitions(60, replace(STEADY, restart=30)))
+    matches = [place_filter.update(row, 1) for row in distances]
     assert [match.place for match in matches[:16]] == list(range(10, 26))
     before, past = matches[14], matches[15]
     assert before.trust > 200 and past.second_distance - past.distance > 15
@@ -360,8 +360,8 @@ def test_a_large_margin_is_not_remembered_for_long():
         distances = np.full((9, 40), contrast)
         distances[np.arange(9), np.arange(9)] = 0
         distances[6:] = contrast  # nothing is seen any more
-        found = PlaceFilter(Transitions(40, replace(STEADY, restart=30)))
-        falls.append([found.update(row, 1).trust for row in distances])
+        place_filter = PlaceFilter(Transitions(40, replace(STEADY, restart=30)))
+        falls.append([place_filter.update(row, 1).trust for row in distances])
     assert falls[0] == falls[1] and falls[0][5] > 180
 
 
@@ -369,33 +369,35 @@ def test_while_the_camera_stands_the_match_stays():
     rng = np.random.default_rng(3)
     moving = drive_through(50, list(range(10)), rng)
     standing = rng.integers(0, 3, (6, 50))  # without events all places look alike
-    found = PlaceFilter(
+    place_filter = PlaceFilter(
         Transitions(50, TransitionCosts()), mean_activity=activity_of_drive(np.full(50, 160))
     )
-    places = [found.update(row, 160).place for row in moving]
+    places = [place_filter.update(row, 160).place for row in moving]
     assert places == list(range(10))
-    assert [found.update(row, 9).place for row in standing] == [9] * 6
+    assert [place_filter.update(row, 9).place for row in standing] == [9] * 6
     after = drive_through(50, list(range(10, 15)), rng)
-    assert [found.update(row, 160).place for row in after] == list(range(10, 15))
+    assert [place_filter.update(row, 160).place for row in after] == list(range(10, 15))
 
 
 def test_a_stop_of_hours_without_an_event_does_not_move_the_match():
     """The mean activity falls to 0; a window without events must still be a pause."""
-    found = PlaceFilter(Transitions(50, TransitionCosts()), mean_activity=256 * 160)
+    place_filter = PlaceFilter(Transitions(50, TransitionCosts()), mean_activity=256 * 160)
     for row in drive_through(50, list(range(10)), np.random.default_rng(3)):
-        found.update(row, 160)
+        place_filter.update(row, 160)
     hours = np.zeros((30_000, 50), dtype=np.int64)
-    rows = found.update_windows(hours[:, None], np.zeros(30_000, dtype=np.int64))
+    rows = place_filter.update_windows(hours[:, None], np.zeros(30_000, dtype=np.int64))
     assert set(rows.matches["place"].tolist()) == {9}
-    assert found.state.numbers[0].mean_activity == 0
+    assert place_filter.state.numbers[0].mean_activity == 0
 
 
 def test_a_slower_drive_is_followed_where_all_places_look_alike():
     """Evidence tells the first place; from there on, only the number of events does."""
     distances = np.full((7, 50), 9)
     distances[0] += 30 * (np.arange(50) != 4)
-    found = PlaceFilter(Transitions(50, TransitionCosts()), mean_activity=256 * 160)
-    rows = found.update_windows(distances[:, None], np.array([160, 160, 160, 40, 30, 40, 160]))
+    place_filter = PlaceFilter(Transitions(50, TransitionCosts()), mean_activity=256 * 160)
+    rows = place_filter.update_windows(
+        distances[:, None], np.array([160, 160, 160, 40, 30, 40, 160])
+    )
     assert rows.matches["place"].tolist() == [4, 5, 6, 6, 6, 6, 7]
 
 
@@ -408,10 +410,10 @@ def test_a_place_of_few_events_is_left_as_fast_with_few():
     distances = np.full((30, 50), 9)
     distances[0] += 30 * (np.arange(50) != 0)
     transitions = Transitions(50, TransitionCosts(), place_activity(seen))
-    found = PlaceFilter(transitions, mean_activity=256 * 160)
-    assert found.update_windows(distances[:, None], queries).matches["place"].tolist() == list(
-        range(30)
-    )
+    place_filter = PlaceFilter(transitions, mean_activity=256 * 160)
+    assert place_filter.update_windows(distances[:, None], queries).matches[
+        "place"
+    ].tolist() == list(range(30))
 
 
 @given(st.integers(0, 2**23 - 1) | st.integers(0, 400), st.integers(0, 256 * (2**23 - 1)))
@@ -484,7 +486,7 @@ def test_matches_of_a_traverse_are_those_of_the_oracle(seed, places, queries):
     reference, query = rng.integers(0, 8, (places, 6)), rng.integers(0, 8, (3, queries, 6))
     chosen = replace(PRESETS["default"], smooth=False)
     described = replace(descriptors(query[0]), summed=query[1:].swapaxes(0, 1).astype(np.uint8))
-    found = match_descriptors(descriptors(reference), described, chosen)
+    matches = match_descriptors(descriptors(reference), described, chosen)
     events, typical = reference.sum(axis=1).tolist(), typical_distances(reference.tolist())
     mean_activity = mean_activity_of(events)
     page = drive_map(
@@ -496,14 +498,14 @@ def test_matches_of_a_traverse_are_those_of_the_oracle(seed, places, queries):
     ]
     rows = windows_of(page, distances, query[0].sum(axis=1).tolist())
     expected = live_matches(rows)
-    assert found.place.tolist() == [match.place for match in expected]
-    assert found.distance_sum.tolist() == [match.sum for match in expected]
-    assert found.trust.tolist() == [match.trust for match in expected]
-    assert found.misfit.tolist() == running_misfits(misfits_of(rows, typical))
-    assert found.query.tolist() == list(range(queries))
+    assert matches.place.tolist() == [match.place for match in expected]
+    assert matches.distance_sum.tolist() == [match.sum for match in expected]
+    assert matches.trust.tolist() == [match.trust for match in expected]
+    assert matches.misfit.tolist() == running_misfits(misfits_of(rows, typical))
+    assert matches.query.tolist() == list(range(queries))
     for i, row in enumerate(rows):
         least = [min(column) for column in zip(*row.metrics, strict=True)]
         nearest = sorted(range(places), key=lambda k: (least[k], k))[:25]
-        assert found.candidates[i][found.candidates[i] >= 0].tolist() == nearest
+        assert matches.candidates[i][matches.candidates[i] >= 0].tolist() == nearest
     with pytest.raises(MapError, match="gains = 7 needs those of sums too"):
         match_descriptors(descriptors(reference), descriptors(query[0]), chosen)

@@ -20,8 +20,8 @@ from tests import naive
 def test_sequence_sums_equal_the_oracle(seed, shape, data):
     distances = np.random.default_rng(seed).integers(0, 1000, shape, dtype=np.int32)
     length = data.draw(st.integers(1, min(shape)))
-    found = sequence_sums(distances, length)
-    assert found.tolist() == naive.sequence_sums(distances.tolist(), length)
+    sums = sequence_sums(distances, length)
+    assert sums.tolist() == naive.sequence_sums(distances.tolist(), length)
 
 
 def test_sums_beyond_32_bits_do_not_wrap():

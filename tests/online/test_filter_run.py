@@ -113,8 +113,8 @@ def test_every_match_equals_the_oracle_however_the_stream_is_cut(
         places_per_window=per_window,
     )  # fmt: skip
     events = random_events(rng, n, SENSOR, 2_000)
-    found = feed_checked(Localiser(reference), cut_up(rng, events, pieces))
-    assert without_ratio(found) == oracle_after_each_event(reference, events)
+    matches = feed_checked(Localiser(reference), cut_up(rng, events, pieces))
+    assert without_ratio(matches) == oracle_after_each_event(reference, events)
 
 
 @given(

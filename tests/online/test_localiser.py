@@ -64,11 +64,11 @@ def check_state(localiser):
 
 
 def feed_checked(localiser, chunks):
-    found = []
+    parts = []
     for chunk in chunks:
-        found.append(localiser.update(chunk))
+        parts.append(localiser.update(chunk))
         check_state(localiser)
-    return np.concatenate(found)
+    return np.concatenate(parts)
 
 
 def expected_after_each_event(reference, events):
@@ -136,10 +136,10 @@ def test_every_match_equals_the_oracle_however_the_stream_is_cut(
     )
     events = random_events(rng, n, SENSOR, 2_000)
     localiser = Localiser(reference)
-    found = feed_checked(localiser, cut_up(rng, events, pieces))
+    matches = feed_checked(localiser, cut_up(rng, events, pieces))
     expected = expected_after_each_event(reference, events)
-    assert without_ratio(found, length) == expected
-    for match in with_sums(found, length):
+    assert without_ratio(matches, length) == expected
+    for match in with_sums(matches, length):
         if match["second"] < 0:
             assert np.isnan(match["ratio"])
         elif match["second_distance"] == 0:
@@ -174,18 +174,18 @@ def test_at_the_ends_of_windows_the_matches_are_those_of_the_main_job(
     )
     events = random_events(rng, 400, SENSOR, 3_000)
     online = Localiser(reference, every=MatchSchedule.window(reference.settings))
-    found = feed(online, cut_up(rng, events, pieces))
+    matches = feed(online, cut_up(rng, events, pieces))
 
     drive = Drive(events, SENSOR)
     queries = describe(drive, PIXEL_MAP, reference.settings)
     batch = match_descriptors(reference.places, queries, reference.settings)
-    assert found["place"].tolist() == (batch.place + shift).tolist()
-    assert found["distance"].tolist() == batch.distance.tolist()
+    assert matches["place"].tolist() == (batch.place + shift).tolist()
+    assert matches["distance"].tolist() == batch.distance.tolist()
     second = np.where(batch.second < 0, -1, batch.second + shift)
-    assert found["second"].tolist() == second.tolist()
-    assert np.array_equal(found["second_distance"], batch.second_distance, equal_nan=True)
-    assert np.array_equal(found["ratio"], batch.ratio, equal_nan=True)
-    assert found["time_us"].tolist() == queries.end_us[batch.query + shift].tolist()
+    assert matches["second"].tolist() == second.tolist()
+    assert np.array_equal(matches["second_distance"], batch.second_distance, equal_nan=True)
+    assert np.array_equal(matches["ratio"], batch.ratio, equal_nan=True)
+    assert matches["time_us"].tolist() == queries.end_us[batch.query + shift].tolist()
 
 
 EVERYWHERE = make_events(
@@ -223,16 +223,16 @@ def test_odd_streams_equal_the_oracle(name, window, size, places):
     )
     events = ODDITIES[name] if places < 5_000 else ODDITIES[name][:6]
     cuts = [0, *range(1, events.size, 3)]
-    found = feed_checked(Localiser(reference), split_events(events, cuts))
-    assert without_ratio(found) == expected_after_each_event(reference, events)
+    matches = feed_checked(Localiser(reference), split_events(events, cuts))
+    assert without_ratio(matches) == expected_after_each_event(reference, events)
 
 
 def test_ties_everywhere_give_the_lowest_place_and_the_first_outside_the_zone():
     reference = map_of(np.zeros((200, 5)), window="count", sequence_length=1, exclusion=3)
-    found = Localiser(reference).update(EVERYWHERE)
-    assert set(found["place"]) == {0}
-    assert set(found["second"]) == {4}
-    assert set(found["ratio"]) == {1.0}
+    matches = Localiser(reference).update(EVERYWHERE)
+    assert set(matches["place"]) == {0}
+    assert set(matches["second"]) == {4}
+    assert set(matches["ratio"]) == {1.0}
 
 
 def test_a_chunk_of_a_million_events_equals_the_same_events_in_small_chunks():
@@ -261,9 +261,9 @@ def test_a_match_at_every_interval_sees_the_events_before_it_and_not_after():
     reference = map_of(np.eye(20, 5, dtype=int), tau_us=10, sequence_length=1)
     events = make_events(t=[9, 10, 40], x=[0, 0, 0], y=[0, 0, 0])
     localiser = Localiser(reference, every=MatchSchedule(interval_us=10))
-    found = localiser.update(events)
-    assert found["time_us"].tolist() == [10, 20, 30, 40]
-    assert found["events"].tolist() == [1, 1, 0, 0]
+    matches = localiser.update(events)
+    assert matches["time_us"].tolist() == [10, 20, 30, 40]
+    assert matches["events"].tolist() == [1, 1, 0, 0]
     assert localiser.advance(60)["events"].tolist() == [1, 0]
 
 

@@ -61,11 +61,11 @@ def test_more_than_a_few_events_go_by_columns_and_give_the_same():
     events = random_events(rng, 2 * CHUNK_EVENTS, SENSOR, 40_000)
     every = MatchSchedule(events=5)
     whole = Localiser(reference, every=every).update(events)
-    found = feed(
+    matches = feed(
         Localiser(reference, every=every), split_events(events, [CHUNK_EVENTS, CHUNK_EVENTS + 1])
     )
     assert whole.size > 100
-    assert found.tobytes() == whole.tobytes()
+    assert matches.tobytes() == whole.tobytes()
 
 
 @given(
@@ -84,9 +84,9 @@ def test_events_one_by_one_give_the_matches_of_one_chunk(seed, kind, window, cod
     events = random_events(rng, 500, SENSOR, 2_500)
     whole = Localiser(reference, every=every).update(of_another_layout(events))
     cut = Localiser(reference, every=every)
-    found = feed(cut, [events[i : i + step] for i in range(0, events.size, step)])
+    matches = feed(cut, [events[i : i + step] for i in range(0, events.size, step)])
     assert whole.size > 0
-    assert found.tobytes() == whole.tobytes()
+    assert matches.tobytes() == whole.tobytes()
     check_state(cut)
 
 
@@ -96,9 +96,9 @@ def test_selected_events_are_those_at_the_pixels_of_the_table(seed, n):
     events = random_events(rng, n, SENSOR, 1_000)
     slots, times = np.empty(n, dtype=np.int32), np.empty(n, dtype=np.int64)
     columns = events.t, events.x, events.y
-    found = selected_in_order(PIXEL_MAP.table(), *columns, 0, slots, times)
+    number = selected_in_order(PIXEL_MAP.table(), *columns, 0, slots, times)
     expected = [(PIXELS.index((x, y)), t) for t, x, y, _ in as_tuples(events) if (x, y) in PIXELS]
-    assert list(zip(slots[:found].tolist(), times[:found].tolist(), strict=True)) == expected
+    assert list(zip(slots[:number].tolist(), times[:number].tolist(), strict=True)) == expected
 
 
 @pytest.mark.parametrize("kind", ["sequence", "filter"])
@@ -111,22 +111,22 @@ def test_the_kernel_judges_matches_as_the_table_of_the_map_does(kind, precision,
         precision = None  # nothing is known of them
     reference = a_map(rng, kind, "time", {}, precision=precision)
     object.__setattr__(reference, "confidence", table)
-    found = Localiser(reference).update(random_events(rng, 900, SENSOR, 5_000))
+    matches = Localiser(reference).update(random_events(rng, 900, SENSOR, 5_000))
     acceptance = Acceptance(reference.acceptance.confidence, precision)
-    probability, lost = acceptance.accept(found["trust"], found["misfit"])
-    assert len(set(found["trust"].tolist())) > 5
-    assert np.array_equal(found["probability"], probability, equal_nan=True)
-    assert found["lost"].tolist() == lost.tolist()
+    probability, lost = acceptance.accept(matches["trust"], matches["misfit"])
+    assert len(set(matches["trust"].tolist())) > 5
+    assert np.array_equal(matches["probability"], probability, equal_nan=True)
+    assert matches["lost"].tolist() == lost.tolist()
     if precision is not None:
         assert 0 < lost.sum() < lost.size
     settings = reference.settings
-    sums = with_sums(found, settings.windows_per_match)
+    sums = with_sums(matches, settings.windows_per_match)
     first, second = (sums[name].astype(np.int64) for name in ("distance", "second_distance"))
     ratio = ratio_to_second(first, second)
-    assert np.array_equal(found["ratio"], ratio, equal_nan=True)
+    assert np.array_equal(matches["ratio"], ratio, equal_nan=True)
     if kind == "sequence":
         margin = margin_to_second(first, second)
-        assert found["trust"].tolist() == margin.tolist()
+        assert matches["trust"].tolist() == margin.tolist()
 
 
 @pytest.mark.parametrize("kind", ["sequence", "filter"])
@@ -168,10 +168,10 @@ def test_a_few_events_of_any_memory_layout_are_the_same_events():
         column.setflags(write=False)
     other = of_another_layout(events)
     apart = Events(*(np.repeat(column, 2)[::2] for column in events.columns))
-    for given_events in (spread[::2], read_only, apart, np.asarray(events), other):
-        pieces = split_events(given_events, range(10, events.size, 10))
-        found = feed(Localiser(reference), pieces)
-        assert found.tobytes() == expected.tobytes()
+    for layout in (spread[::2], read_only, apart, np.asarray(events), other):
+        pieces = split_events(layout, range(10, events.size, 10))
+        matches = feed(Localiser(reference), pieces)
+        assert matches.tobytes() == expected.tobytes()
 
 
 def test_a_silence_with_more_ticks_than_the_kernel_gives_at_once_has_them_all():
@@ -181,10 +181,10 @@ def test_a_silence_with_more_ticks_than_the_kernel_gives_at_once_has_them_all():
     localiser = Localiser(reference, every=MatchSchedule(interval_us=10))
     localiser.update(random_events(rng, 300, SENSOR, 1_000))
     last = localiser.next_match_us + 10 * (ticks - 1)
-    found = localiser.update(make_events([last], [0], [0]))
-    assert found["time_us"].tolist() == list(range(last - 10 * (ticks - 1), last + 1, 10))
+    matches = localiser.update(make_events([last], [0], [0]))
+    assert matches["time_us"].tolist() == list(range(last - 10 * (ticks - 1), last + 1, 10))
     # one match is not the memory of another
-    found["place"] = -7
+    matches["place"] = -7
     assert (localiser.advance(last + 20)["place"] >= 0).all()
 
 

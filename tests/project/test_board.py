@@ -22,10 +22,10 @@ UNIT = (BOARD / "edge-vpr.service").read_text()
 
 
 def tool(name: str) -> str:
-    found = shutil.which(name)
-    if found is None:
+    path = shutil.which(name)
+    if path is None:
         pytest.skip(f"{name} is not installed")
-    return found
+    return path
 
 
 def of_unit(key: str) -> list[str]:
@@ -71,14 +71,16 @@ def test_actions_of_other_people_are_pinned_by_commit():
 
 def test_what_the_unit_runs_is_a_command():
     (line,) = of_unit("ExecStart")
-    given = dict(re.findall(r"^(\w+)=(.*)$", (BOARD / "edge-vpr.conf").read_text(), re.MULTILINE))
-    line = line.replace("$STREAM", shlex.split(given["STREAM"])[0])
-    program, verb, *words = shlex.split(line.replace("${PORT}", given["PORT"]))
+    variables = dict(
+        re.findall(r"^(\w+)=(.*)$", (BOARD / "edge-vpr.conf").read_text(), re.MULTILINE)
+    )
+    line = line.replace("$STREAM", shlex.split(variables["STREAM"])[0])
+    program, verb, *words = shlex.split(line.replace("${PORT}", variables["PORT"]))
     assert program == "/opt/edge-vpr/current/bin/edge-vpr"
     arguments = VerbParser(verb).parse(words)
     assert arguments.map == "/var/lib/edge-vpr/map.npz"
     assert of_unit("ConditionPathExists") == [arguments.map]
-    assert arguments.port == given["PORT"]
+    assert arguments.port == variables["PORT"]
 
 
 def test_the_installer_makes_what_the_unit_needs():
@@ -235,11 +237,11 @@ def test_everything_that_is_installed_is_pinned_by_hash():
         Requirement(line.split("\\")[0]) for line in re.findall(r"^\w.*$", text, re.MULTILINE)
     ]
     for python in ("3.11", "3.12", "3.13", "3.14"):
-        given = {"python_full_version": f"{python}.0", "python_version": python}
+        environment = {"python_full_version": f"{python}.0", "python_version": python}
         named = {
             each.name: next(iter(each.specifier)).version
             for each in pinned
-            if each.marker is None or each.marker.evaluate(given)
+            if each.marker is None or each.marker.evaluate(environment)
         }
         wanted = project["project"]["dependencies"] + project["build-system"]["requires"]
         for each in map(Requirement, wanted):

@@ -109,13 +109,13 @@ def test_the_python_of_guides_holds_for_a_strict_type_checker(tmp_path):
 
 def commands(page: str, program: str = "edge-vpr") -> list[str]:
     """Give the lines of a page's code blocks that call a program, joined where they go on."""
-    found = []
+    lines = []
     for _, _, body in _BLOCK.findall((ROOT / page).read_text()):
         for line in body.replace("\\\n", " ").splitlines():
             line = line.removeprefix("$ ")
             if line.startswith(f"{program} "):
-                found.append(line)
-    return found
+                lines.append(line)
+    return lines
 
 
 @pytest.mark.parametrize("page", [page for page in PAGES if commands(page)])
@@ -143,11 +143,11 @@ def test_links_within_the_project_lead_somewhere(page):
 @cache
 def source_files():
     """List the project's own, not those of an environment in a hidden folder of it."""
-    found = []
+    paths = []
     for folder, inner, names in os.walk(ROOT):
         inner[:] = [name for name in inner if not name.startswith(".")]
-        found += [f"{folder}/{name}" for name in names if Path(name).suffix in _SOURCES]
-    return found
+        paths += [f"{folder}/{name}" for name in names if Path(name).suffix in _SOURCES]
+    return paths
 
 
 @pytest.mark.parametrize("page", PAGES)
@@ -168,8 +168,8 @@ def test_source_files_that_a_page_names_are_there(page):
 def words_of_the_source() -> frozenset[str]:
     """Return every word of the project's source files."""
     files = [*source_files(), ROOT / "pyproject.toml"]
-    found = (re.findall(r"\w+", Path(file).read_text(encoding="utf-8")) for file in files)
-    return frozenset(word for words in found for word in words)
+    by_file = (re.findall(r"\w+", Path(file).read_text(encoding="utf-8")) for file in files)
+    return frozenset(word for words in by_file for word in words)
 
 
 @pytest.mark.parametrize("page", ["CONTRIBUTING.md", "docs/architecture.md", "docs/testing.md"])
@@ -189,13 +189,13 @@ def test_the_walks_through_the_code_name_what_their_files_define():
     )
     assert len(rows) > 20
     for files, step in rows:
-        found = [
+        paths = [
             path
             for name in re.findall(r"`([\w./]+\.py)`", files + step)
             for path in source_files()
             if path.endswith(f"/{name}")
         ]
-        defined = "\n".join(Path(path).read_text(encoding="utf-8") for path in found)
+        defined = "\n".join(Path(path).read_text(encoding="utf-8") for path in paths)
         names = {name.split(".")[-1] for name in re.findall(r"`([A-Za-z_][\w.]*)`", step)} - {"py"}
         gone = {n for n in names if not re.search(rf"\b(def|class) {n}\b|^{n}\b.*=", defined, re.M)}
         assert not gone, files
@@ -254,8 +254,8 @@ def test_the_tutorial_runs_word_for_word_and_prints_what_it_says(tmp_path, monke
             ).stdout
         kept = [text for text in shown.splitlines() if "compiling kernels" not in text]
         assert len(kept) == len(told.splitlines()), line
-        for found, said in zip(kept, told.splitlines(), strict=True):
-            (words, figures), (page_words, page_figures) = map(words_and_figures, (found, said))
+        for printed, said in zip(kept, told.splitlines(), strict=True):
+            (words, figures), (page_words, page_figures) = map(words_and_figures, (printed, said))
             assert words == page_words, line
             assert figures == pytest.approx(page_figures, rel=_CLOSE, abs=_CLOSE), line
     ((code, told),) = re.findall(

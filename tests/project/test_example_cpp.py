@@ -143,8 +143,8 @@ MATCH = b'{"kind": "match", "time_s": 1.5, "place": 3, "lost": false'
     ],
 )
 def test_a_row_is_read_or_refused(printer, more, expected):
-    known = {"time_s": 1.5, "place": 3, "lost": False}
-    values = "refused" if expected is None else dict.fromkeys(FIELDS) | known | expected
+    required = {"time_s": 1.5, "place": 3, "lost": False}
+    values = "refused" if expected is None else dict.fromkeys(FIELDS) | required | expected
     assert read(printer, [MATCH + more + b"}"]) == [values]
 
 

@@ -100,8 +100,8 @@ def test_a_rover_whose_goal_never_comes_stops_where_the_line_ends(street, rover)
 
 
 def test_a_rover_whose_map_has_no_positions_does_not_move(street, rover, tmp_path):
-    known = replace(ReferenceMap.load(street / "map.npz"), route=None)
-    known.save(tmp_path / "map.npz")
+    reference = replace(ReferenceMap.load(street / "map.npz"), route=None)
+    reference.save(tmp_path / "map.npz")
     speeds = []
     with pytest.raises(SystemExit, match="has no positions"):
         rover.follow(str(street / "sent.bin"), "evpr", str(tmp_path / "map.npz"), 30, speeds.append)
@@ -153,9 +153,9 @@ def expected(tmp_path_factory):
             case.event_bytes(), to_binary(records(in_order(trace))),
         )
     )  # fmt: skip
-    found = [each for each in in_order(trace) if isinstance(each, MatchResult) and each.accepted]
-    assert len(found) > 20
-    return header, len(found), found[-1].place
+    matches = [each for each in in_order(trace) if isinstance(each, MatchResult) and each.accepted]
+    assert len(matches) > 20
+    return header, len(matches), matches[-1].place
 
 
 def with_gcc(header: Path, folder: Path) -> list[list[str]]:
@@ -314,9 +314,9 @@ def test_a_map_is_put_into_the_flash_of_a_board_alone(street, tmp_path, capsys):
     stream = random_stream(np.random.default_rng(0), memories, 300, 0)
     case = Case("drive", memories, tuple(stream), 0)
     # the whole sector of the flash, of which the image is a part
-    given = 0x0804_8010, 0x1_0000, board.put(case.event_bytes()), len(case.events), 1, 0
+    arguments = 0x0804_8010, 0x1_0000, board.put(case.event_bytes()), len(case.events), 1, 0
     out = board.put(bytes(1 << 20))
-    words = board.call("vpr_replay", *given, board.put(bytes(ram)), ram, out, 1 << 18)
+    words = board.call("vpr_replay", *arguments, board.put(bytes(ram)), ram, out, 1 << 18)
     assert board.get(out, 4 * words) == to_binary(records(in_order(case.trace())))
     for suffix in ("c", "cpp"):
         source = tmp_path / f"print.{suffix}"

@@ -24,11 +24,11 @@ def prose():
 
 def test_what_a_match_costs_is_what_estimate_says(prose, capsys):
     assert main(["estimate", "--places", "1000", "--target", "cortex-m4", "--json"]) == 0
-    found = json.loads(capsys.readouterr().out)
-    of = found["targets"]["cortex-m4"]
+    estimate = json.loads(capsys.readouterr().out)
+    of = estimate["targets"]["cortex-m4"]
     clock_hz, memory = of["clock_hz"], of["memory"]
     flash, ram = (memory[name] / 1024 for name in ("flash_bytes", "ram_bytes"))
-    second = found["sizes"]["place_bytes"] * found["design"]["places_per_window"]
+    second = estimate["sizes"]["place_bytes"] * estimate["design"]["places_per_window"]
     said = (
         f"A second of the route takes {second} bytes, packed as on an FPGA. On a Cortex-M4 at "
         f"{clock_hz / 1e6:.0f} MHz, whose firmware keeps a byte a code, a route of 500 s takes "

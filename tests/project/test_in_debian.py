@@ -21,21 +21,21 @@ MODULES = {"tonic": "tonic"}
 
 def imported_at_once(path: Path) -> set[str]:
     """Return the packages that are imported with a module, and not by a function of it."""
-    found = set()
+    modules = set()
     waiting: list[ast.AST] = [ast.parse(path.read_text())]
     while waiting:
         node = waiting.pop()
         if isinstance(node, ast.ImportFrom):
-            found.add(str(node.module))
+            modules.add(str(node.module))
         elif isinstance(node, ast.Import):
-            found.update(name.name for name in node.names)
+            modules.update(name.name for name in node.names)
         elif isinstance(node, ast.FunctionDef) or (
             isinstance(node, ast.If) and ast.unparse(node.test) == "TYPE_CHECKING"
         ):
             continue
         else:
             waiting.extend(ast.iter_child_nodes(node))
-    return {name.partition(".")[0] for name in found}
+    return {name.partition(".")[0] for name in modules}
 
 
 def test_what_cannot_be_installed_everywhere_is_imported_by_no_module_that_is_collected():

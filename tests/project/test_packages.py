@@ -31,12 +31,12 @@ def run(*words: str | Path, cwd: Path) -> str:
     """Run a program that sees nothing of this checkout but what it is given."""
     hidden = {"PYTHONPATH", "PYTHONHOME", "COVERAGE_PROCESS_START"}
     environment = {name: text for name, text in os.environ.items() if name not in hidden}
-    found = subprocess.run(
+    done = subprocess.run(
         [str(word) for word in words], cwd=cwd, env=environment,
         capture_output=True, text=True, timeout=300, check=False,
     )  # fmt: skip
-    assert found.returncode == 0, found.stdout + found.stderr
-    return found.stdout
+    assert done.returncode == 0, done.stdout + done.stderr
+    return done.stdout
 
 
 @pytest.fixture(scope="module")

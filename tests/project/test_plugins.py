@@ -100,8 +100,8 @@ def test_a_map_with_a_strategy_of_another_package_is_read_without_it(drive, tmp_
         with pytest.raises(UsageError, match="selects 480 pixels that are hot"):
             ReferenceMap.build(drive, pixels=480, strategy="plugin:mine", hot=hot)
     made.save(tmp_path / "map.npz")
-    found = ReferenceMap.load(tmp_path / "map.npz").match(drive)
-    assert len(found.matches)
+    result = ReferenceMap.load(tmp_path / "map.npz").match(drive)
+    assert len(result.matches)
 
 
 @pytest.mark.usefixtures("as_the_page_says")
@@ -110,8 +110,8 @@ def test_a_baseline_and_a_strategy_of_another_package_are_compared():
     images = rng.poisson(rng.gamma(0.6, 6.0, (12, 30, 40))).astype(np.uint16)
     assert baseline_names()[-1] == "columns"
     for name in ("columns", "columns@1,2", "strategy:grid", "strategy:random"):
-        found = compare(open_baseline(name, 3), images, images)
-        assert found.distances.argmin(axis=0).tolist() == list(range(12))
+        compared = compare(open_baseline(name, 3), images, images)
+        assert compared.distances.argmin(axis=0).tolist() == list(range(12))
     with pytest.raises(UsageError, match="plugin:netvlad is registered by no installed"):
         open_baseline("strategy:netvlad").prepare(images)
 
@@ -177,11 +177,11 @@ def test_a_protocol_of_another_package_is_decoded_and_imitated(drive):
     fault = sent.index(b"\n", 5_000) + 1
     sent[fault : fault + 1] = b"?"
     parts = [decoder.feed(bytes(sent[at : at + 997])) for at in range(0, len(sent), 997)]
-    found = np.concatenate([*parts, decoder.finish()])
+    decoded = np.concatenate([*parts, decoder.finish()])
     lost = bytes(sent[:fault]).count(b"\n")
     expected = np.delete(events, lost)
-    assert (found["t"] - found["t"][0]).tolist() == (expected["t"] - expected["t"][0]).tolist()
-    assert all(np.array_equal(found[name], expected[name]) for name in "xyp")
+    assert (decoded["t"] - decoded["t"][0]).tolist() == (expected["t"] - expected["t"][0]).tolist()
+    assert all(np.array_equal(decoded[name], expected[name]) for name in "xyp")
     health = decoder.health
     assert health.skipped_bytes == sent.index(b"\n", fault) + 1 - fault
     assert health.bytes == len(sent) == health.decoded_bytes + health.skipped_bytes

@@ -225,7 +225,7 @@ def _decorated_by_kernel(node):
     )
 
 
-def _calls(found, names):
-    for node in found:
+def _calls(nodes, names):
+    for node in nodes:
         if isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id in names:
             yield node

@@ -55,14 +55,14 @@ def built(types, kind, fields):
     )
 
 
-def value_of(types, of, given, name):
+def value_of(types, of, value, name):
     sort, what = of[0].name, of[1]
     if sort == "NAME":
-        return built(types, what, given or {})
+        return built(types, what, value or {})
     if sort == "BASE":
-        return given if given is not None else "" if what[0] == "string" else int(name == "w")
+        return value if value is not None else "" if what[0] == "string" else int(name == "w")
     inner, number = what
-    items = given or [0] * number
+    items = value or [0] * number
     assert sort == "SEQUENCE" or len(items) == number
     if inner[0].name == "NAME":
         return [built(types, inner[1], item) for item in items]
@@ -84,25 +84,25 @@ ON_EARTH = {"latitude": -27.5, "longitude": 153.0, **ALONG}
 STAMP_US = 1_700_000_000_250_001
 
 
-def by_topic(messages, found, **frames):
+def by_topic(messages, message, **frames):
     translator = messages.Translator(messages.Frames(map="street", **frames))
-    return {each.topic: each.fields for each in translator.messages_of(found, STAMP_US)}
+    return {each.topic: each.fields for each in translator.messages_of(message, STAMP_US)}
 
 
 def test_a_match_is_a_pose_stamped_with_the_hosts_time_and_a_covariance(messages):
-    found = by_topic(messages, row(**METRIC))
-    assert set(found) == {"match", "certainty", "pose", "odometry"}
-    assert found["pose"]["header"] == {
+    topics_of_row = by_topic(messages, row(**METRIC))
+    assert set(topics_of_row) == {"match", "certainty", "pose", "odometry"}
+    assert topics_of_row["pose"]["header"] == {
         "stamp": {"sec": 1_700_000_000, "nanosec": 250_001_000}, "frame_id": "street",
     }  # fmt: skip
-    assert found["pose"]["pose"]["pose"]["position"] == {"x": 1.5, "y": -2.0, "z": 0.0}
-    assert json.loads(found["match"]["data"])["place"] == 7
-    assert found["certainty"]["vector"] == {"x": 0.875, "y": 0.0, "z": 0.0}
-    assert found["certainty"]["header"]["stamp"] == found["pose"]["header"]["stamp"]
-    assert found["odometry"]["pose"]["pose"]["position"] == {"x": 40.0}
-    assert found["odometry"]["header"]["frame_id"] == "route"
-    assert found["odometry"]["child_frame_id"] == "base_link"
-    covariance = np.reshape(found["pose"]["pose"]["covariance"], (6, 6))
+    assert topics_of_row["pose"]["pose"]["pose"]["position"] == {"x": 1.5, "y": -2.0, "z": 0.0}
+    assert json.loads(topics_of_row["match"]["data"])["place"] == 7
+    assert topics_of_row["certainty"]["vector"] == {"x": 0.875, "y": 0.0, "z": 0.0}
+    assert topics_of_row["certainty"]["header"]["stamp"] == topics_of_row["pose"]["header"]["stamp"]
+    assert topics_of_row["odometry"]["pose"]["pose"]["position"] == {"x": 40.0}
+    assert topics_of_row["odometry"]["header"]["frame_id"] == "route"
+    assert topics_of_row["odometry"]["child_frame_id"] == "base_link"
+    covariance = np.reshape(topics_of_row["pose"]["pose"]["covariance"], (6, 6))
     assert np.array_equal(covariance, np.diag(np.diag(covariance)))
     # height, roll and pitch are not known
     assert (np.diag(covariance)[2:5] == messages.UNKNOWN).all()
@@ -112,8 +112,8 @@ def test_a_match_is_a_pose_stamped_with_the_hosts_time_and_a_covariance(messages
 def test_the_yaw_is_the_direction_of_the_route_from_east_anticlockwise(messages, heading_deg):
     spread = []
     for probability in (1.0, 0.5, 0.0):
-        given = {**METRIC, "heading_deg": heading_deg, "probability": probability}
-        pose = by_topic(messages, row(**given))["pose"]["pose"]
+        fields = {**METRIC, "heading_deg": heading_deg, "probability": probability}
+        pose = by_topic(messages, row(**fields))["pose"]["pose"]
         turned = pose["pose"]["orientation"]
         ahead = complex(turned["w"], turned["z"]) ** 2  # a quaternion has half of the angle
         north, east = math.cos(math.radians(heading_deg)), math.sin(math.radians(heading_deg))
@@ -148,10 +148,13 @@ def test_a_lost_match_has_no_position_and_what_is_unknown_is_not_published(messa
     unknown = dict.fromkeys(METRIC)
     assert set(by_topic(messages, row(**{**METRIC, "probability": None}))) == {"match"}
     assert set(by_topic(messages, row(**unknown))) == {"match", "certainty"}
-    found = by_topic(messages, row(**ON_EARTH))
-    assert set(found) == {"match", "fix", "odometry", "certainty"}
-    assert found["fix"]["header"]["frame_id"] == "camera"
-    assert found["fix"]["position_covariance"][0] == found["odometry"]["pose"]["covariance"][0]
+    topics_of_row = by_topic(messages, row(**ON_EARTH))
+    assert set(topics_of_row) == {"match", "fix", "odometry", "certainty"}
+    assert topics_of_row["fix"]["header"]["frame_id"] == "camera"
+    assert (
+        topics_of_row["fix"]["position_covariance"][0]
+        == topics_of_row["odometry"]["pose"]["covariance"][0]
+    )
     assert not by_topic(messages, {"kind": "device", "text": "gone"})
 
 
@@ -160,8 +163,8 @@ def test_health_is_a_diagnosis_of_what_is_new(messages):
 
     def diagnosed(**counts):
         faults = {"resyncs": 3, **counts.pop("faults", {})}
-        given = {"kind": "health", "faults": faults, "silent_s": 0.0, "lag_us": 5, **counts}
-        (message,) = translator.messages_of(given, STAMP_US)
+        health = {"kind": "health", "faults": faults, "silent_s": 0.0, "lag_us": 5, **counts}
+        (message,) = translator.messages_of(health, STAMP_US)
         (status,) = message.fields["status"]
         assert {"key": "lag_us", "value": "5"} in status["values"]
         return status["level"], status["message"]
@@ -200,9 +203,9 @@ def test_a_jump_sets_the_pose_of_other_filters_once_the_match_is_sure(messages):
         return [each.topic for each in translator.messages_of(row(**METRIC, **more), STAMP_US)]
 
     def reset(**more):
-        found = topics(**more)
-        assert ("pose" in found) == (not more.get("lost"))
-        return "/initialpose" in found
+        published = topics(**more)
+        assert ("pose" in published) == (not more.get("lost"))
+        return "/initialpose" in published
 
     assert not reset(probability=0.95, jumps=2)  # at first: the filter starts anywhere
     assert not reset(probability=0.95, jumps=2)
@@ -223,12 +226,12 @@ def pose(x, y, yaw, **more):
 def test_odometry_is_the_distance_along_the_robots_direction(messages):
     travelled = messages.Travelled(100.0)
     # east, then round to north, then back without turning, then carried sideways
-    found = [
+    along = [
         travelled.to(pose(*each))
         for each in ((5, 5, 0), (7, 5, 0), (7, 5, math.pi / 2), (7, 8, math.pi / 2),
                      (7, 7, math.pi / 2), (9, 7, math.pi / 2))
     ]  # fmt: skip
-    assert found == pytest.approx([100, 102, 102, 105, 104, 104])
+    assert along == pytest.approx([100, 102, 102, 105, 104, 104])
     assert travelled.to(pose(math.nan, 0, 0)) is None
     assert travelled.to(pose(9, 9, 0, w=math.inf)) is None
     assert travelled.to(pose(9, 8, math.pi / 2)) == pytest.approx(105)
@@ -241,8 +244,8 @@ HEALTH = {"kind": "health", "faults": {"resyncs": 3}, "silent_s": 0.5, "bytes": 
 def test_every_message_has_the_fields_that_ros_2_gives_it(messages, types):
     seen = set()
     translator = messages.Translator(messages.Frames())
-    for found in (row(**METRIC), row(**ON_EARTH), HEALTH, ROUTE):
-        for message in translator.messages_of(found, STAMP_US):
+    for source in (row(**METRIC), row(**ON_EARTH), HEALTH, ROUTE):
+        for message in translator.messages_of(source, STAMP_US):
             seen.add(message.kind)
             assert types.serialize_cdr(built(types, message.kind, message.fields), message.kind)
     assert seen == set(messages.TOPICS.values())
@@ -435,8 +438,8 @@ def test_a_node_of_rclpy_has_the_names_and_qualities_of_service(messages, monkey
         odometer.bind(("127.0.0.1", 0))
         odometer.settimeout(10)
         to = f"127.0.0.1:{odometer.getsockname()[1]}"
-        given = {"map_frame": "street", "odometry_to": to, "use_sim_time": False}
-        ros = Node(given)
+        parameters = {"map_frame": "street", "odometry_to": to, "use_sim_time": False}
+        ros = Node(parameters)
         sys.modules["rclpy"].create_node = lambda name: ros
         node = importlib.import_module("edge_vpr_ros.node")
         flags = {"name": "rover", "connect": "127.0.0.1:1", "odometry_to": ""}
@@ -459,7 +462,7 @@ def test_a_node_of_rclpy_has_the_names_and_qualities_of_service(messages, monkey
 
 
 @pytest.mark.parametrize(
-    ("given", "started"),
+    ("launch_arguments", "started"),
     [
         ({}, ["edge_vpr", "ekf_filter_node"]),
         ({"ekf": "false"}, ["edge_vpr"]),
@@ -469,7 +472,7 @@ def test_a_node_of_rclpy_has_the_names_and_qualities_of_service(messages, monkey
         ),
     ],
 )
-def test_the_launch_file_starts_stream_node_and_filter(monkeypatch, given, started):
+def test_the_launch_file_starts_stream_node_and_filter(monkeypatch, launch_arguments, started):
     """In place of ROS 2 is a double of what is called of it."""
 
     def kept(**named):
@@ -499,7 +502,7 @@ def test_the_launch_file_starts_stream_node_and_filter(monkeypatch, given, start
     launch = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(launch)
     *declared, opaque = launch.generate_launch_description()
-    actions = opaque.function({**dict(declared), **given})
+    actions = opaque.function({**dict(declared), **launch_arguments})
     assert [getattr(each, "name", "edge-vpr stream") for each in actions] == started
     for each in actions:
         for parameters in getattr(each, "parameters", ()):
@@ -507,7 +510,7 @@ def test_the_launch_file_starts_stream_node_and_filter(monkeypatch, given, start
                 assert f"\n{each.name}:\n" in f"\n{Path(parameters).read_text()}"
             else:
                 assert "" not in parameters.values()
-    if given.get("stream"):
+    if launch_arguments.get("stream"):
         assert actions[0].cmd == [
             "edge-vpr", "stream", "--http", "127.0.0.1:7000", "--port", "/dev/tty A",
             "--map", "map.npz", "--odometry", "udp://127.0.0.1:7001",

@@ -29,5 +29,5 @@ def test_every_kernel_has_a_door_with_a_name():
     for row in page.splitlines():
         if row.startswith("| `"):
             named |= set(re.findall(r"`((?:edge_vpr|fixedpoint)\.[\w.]+)`", row.split("|")[1]))
-    found = set(modules_with_kernels())
-    assert found == named
+    with_kernels = set(modules_with_kernels())
+    assert with_kernels == named

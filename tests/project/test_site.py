@@ -62,9 +62,9 @@ def pages(site: Path) -> dict[Path, Links]:
 
 @pytest.mark.slow
 def test_links_and_pictures_of_the_site_are_there(site):
-    found = pages(site)
-    assert found
-    for page, links in found.items():
+    links_of_page = pages(site)
+    assert links_of_page
+    for page, links in links_of_page.items():
         if page.name == "404.html":  # its links begin at the root of a server
             continue
         for target in links.targets:
@@ -75,8 +75,8 @@ def test_links_and_pictures_of_the_site_are_there(site):
             if path.is_dir():
                 path /= "index.html"
             assert path.is_file(), f"{page.name} leads to {target}"
-            if parts.fragment and path in found:
-                anchors = found[path].anchors
+            if parts.fragment and path in links_of_page:
+                anchors = links_of_page[path].anchors
                 assert unquote(parts.fragment) in anchors, f"{page.name} leads to {target}"
 
 

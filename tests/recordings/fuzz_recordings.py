@@ -284,7 +284,7 @@ class Mutants:
         return recording
 
 
-class Given:
+class Kept:
     """Recordings as they are, in place of mutations."""
 
     def __init__(self, paths: list[Path]) -> None:
@@ -380,7 +380,7 @@ def _check_error(error: EdgeVprError, path: Path) -> None:
 # --- the run --------------------------------------------------------------------------------
 
 
-def run_child(inputs: Mutants | Given, folder: Path, indices: range, pipe: int) -> None:
+def run_child(inputs: Mutants | Kept, folder: Path, indices: range, pipe: int) -> None:
     """Check inputs in this process, and write a line before and after each."""
     warnings.simplefilter("error")
     warnings.simplefilter("ignore", EdgeVprWarning)
@@ -401,7 +401,7 @@ def run_child(inputs: Mutants | Given, folder: Path, indices: range, pipe: int) 
 class Tally:
     """How inputs went, in all and by name."""
 
-    def __init__(self, inputs: Mutants | Given, keep: Path | None) -> None:
+    def __init__(self, inputs: Mutants | Kept, keep: Path | None) -> None:
         self._inputs, self._keep = inputs, keep
         self.counts: Counter[str] = Counter()
 
@@ -420,7 +420,7 @@ class Tally:
             print(f"{name:<16}", *(f"{self.counts[f'{name} {k}']:>7,} {k}" for k in KINDS))
 
 
-def run(inputs: Mutants | Given, work: Path, indices: range, tally: Tally) -> None:
+def run(inputs: Mutants | Kept, work: Path, indices: range, tally: Tally) -> None:
     """Check all inputs in one child after another."""
     while indices:
         batch = indices[:BATCH]
@@ -496,7 +496,7 @@ def main() -> int:
             os._exit(0)
         if os.waitpid(maker, 0)[1]:
             return 1
-        inputs = Given(args.files) if args.files else Mutants(seeds, args.seed)
+        inputs = Kept(args.files) if args.files else Mutants(seeds, args.seed)
         if args.only is not None:
             print(check(inputs.write(args.only, work)))
             return 0

@@ -254,15 +254,15 @@ def mcap(messages: list[bytes], a_chunk: int, compression: str = "") -> tuple[by
 
     pack = {"": bytes, "lz4": lz4.frame.compress, "zstd": zstd.compress}[compression]
     channel = struct.pack("<HH", 0, 1) + text("/e") + text("cdr") + text("")
-    known = record(3, struct.pack("<H", 1) + text("dvs_msgs/msg/EventArray") + text("ros2msg")
+    definitions = record(3, struct.pack("<H", 1) + text("dvs_msgs/msg/EventArray") + text("ros2msg")
                    + text("uint8 x")) + record(4, channel)  # fmt: skip
     data, ends = b"\x89MCAP0\r\n" + record(1, text("ros2") + text("test")), []
-    data += b"" if a_chunk else known
+    data += b"" if a_chunk else definitions
     records = [record(5, struct.pack("<HIQQ", 0, i, i, i) + m) for i, m in enumerate(messages)]
     for i in range(0, len(records), a_chunk or 1):
         part = b"".join(records[i : i + (a_chunk or 1)])
         if a_chunk:
-            inner = known * (i == 0) + part
+            inner = definitions * (i == 0) + part
             head = struct.pack("<QQQI", i, i + a_chunk - 1, len(inner), 0) + text(compression)
             packed = pack(inner)
             part = record(6, head + struct.pack("<Q", len(packed)) + packed)
@@ -270,4 +270,4 @@ def mcap(messages: list[bytes], a_chunk: int, compression: str = "") -> tuple[by
         ends.append(len(data))
     data += record(15, bytes(4))
     footer = struct.pack("<QQI", len(data), 0, 0)
-    return data + known + record(2, footer) + b"\x89MCAP0\r\n", ends
+    return data + definitions + record(2, footer) + b"\x89MCAP0\r\n", ends

@@ -77,9 +77,9 @@ def test_a_chunk_that_claims_more_than_the_file_takes_no_memory(tmp_path):
     path = tmp_path / "a.h5"
     write(path)
     with h5py.File(path) as file:
-        found = file["events/p"].id.get_chunk_info(1)
+        chunk = file["events/p"].id.get_chunk_info(1)
     # a key of the tree of chunks: size, mask, row, then column 0, all in little endian
-    key = struct.pack("<IIQQ", found.size, 0, ROWS, 0)
+    key = struct.pack("<IIQQ", chunk.size, 0, ROWS, 0)
     data = path.read_bytes()
     assert data.count(key) == 1
     path.write_bytes(data.replace(key, struct.pack("<IIQQ", 2_130_706_465, 0, 0, 0)))

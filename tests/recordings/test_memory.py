@@ -140,7 +140,7 @@ def test_events_in_memory_are_checked_counted_and_cut_as_those_of_a_file(events)
 
 
 @pytest.mark.parametrize(
-    "given, complaint",
+    "recording, complaint",
     [
         (lambda events: events, "does not say how large its sensor is"),
         (lambda events: Sample(events, 6), r"holds 6 recordings, .* give .* dataset\[0\]\[0\],"),
@@ -164,10 +164,10 @@ def test_events_in_memory_are_checked_counted_and_cut_as_those_of_a_file(events)
     ],
 )
 def test_what_is_no_recording_is_refused_in_one_line_that_says_what_to_give(
-    given, complaint, events
+    recording, complaint, events
 ):
     with pytest.raises(EdgeVprError, match=complaint):
-        ReferenceMap.build(given(events))
+        ReferenceMap.build(recording(events))
 
 
 def test_a_sensor_that_contradicts_the_recording_is_refused(drives):

@@ -38,14 +38,14 @@ def write_bag(path, ros, messages, types=None, definitions=None):
 
         writer = Writer(path, version=9)
     with writer:
-        known = {}
+        connections = {}
         for i, (topic, data) in enumerate(messages):
-            if topic not in known:
+            if topic not in connections:
                 kind = types.get(topic, "dvs_msgs/msg/EventArray")
                 digest = {"md5sum": "0" * 32} if ros == 1 else {"rihs01": "RIHS01_" + "0" * 64}
                 definition = definitions.get(topic, "uint8 x\n")
-                known[topic] = writer.add_connection(topic, kind, msgdef=definition, **digest)
-            writer.write(known[topic], 10**18 + i, data)
+                connections[topic] = writer.add_connection(topic, kind, msgdef=definition, **digest)
+            writer.write(connections[topic], 10**18 + i, data)
 
 
 def arrays(events, ros, size=100):

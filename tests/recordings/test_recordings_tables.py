@@ -515,8 +515,8 @@ def test_columns_name_the_foreign_fields_of_a_table(suffix, tmp_path):
     path = write_fields(tmp_path / f"a{suffix}", rows)
     with pytest.raises(RecordingError, match="columns="):
         rows_of(path)
-    found, _ = rows_of(path, columns="xyt-p")
-    assert found == list(zip(t - t[0], x, y, p == 1, strict=True))
+    events, _ = rows_of(path, columns="xyt-p")
+    assert events == list(zip(t - t[0], x, y, p == 1, strict=True))
 
 
 @pytest.mark.parametrize("suffix", SUFFIXES)

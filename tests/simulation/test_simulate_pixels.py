@@ -20,10 +20,10 @@ LIGHT = st.floats(0.015625, 64.0, width=32)
 
 
 def by_pixel(events):
-    found = defaultdict(list)
+    events_of = defaultdict(list)
     for t, x, y, p in events.tolist():
-        found[x, y].append((t, p))
-    return found
+        events_of[x, y].append((t, p))
+    return events_of
 
 
 @given(st.data())
@@ -51,12 +51,12 @@ def test_every_pixel_fires_as_plain_python_says(data):
     events = join_events([*parts, pixels.take()])
 
     check_events(events, sensor)
-    found = by_pixel(events)
+    simulated = by_pixel(events)
     for i in range(sensor.pixels):
         expected = naive.pixel_events(
             light[:, i].tolist(), times, float(on[i]), float(off[i]), refractory
         )
-        assert found[i % 3, i // 3] == expected
+        assert simulated[i % 3, i // 3] == expected
 
 
 def test_a_doubling_of_light_makes_as_many_events_as_thresholds_fit_into_it():

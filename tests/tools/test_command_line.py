@@ -119,8 +119,8 @@ def test_the_help_of_a_verb_is_its_own_with_all_defaults_and_examples_that_parse
             words = shlex.split(words[1].strip("$()"))
         assert words.pop(0) == "edge-vpr"
         words = words[: words.index(">")] if ">" in words else words
-        found, rest = find_verb(words)
-        cli.VerbParser(found).parse(rest)
+        verb_of_words, rest = find_verb(words)
+        cli.VerbParser(verb_of_words).parse(rest)
 
 
 @pytest.mark.parametrize(("verb"), VERBS)
@@ -413,22 +413,24 @@ def test_a_command_whose_streams_are_closed_runs_to_its_end(drive, tmp_path, clo
 @pytest.mark.parametrize("encoding", ["ascii", "gbk", "latin-1", "LC_ALL=C"])
 def test_a_terminal_that_is_not_utf_8_ends_no_command(tmp_path, encoding):
     """What it does not have is in plain letters, on both streams; it was an internal error."""
-    given = {"PYTHONIOENCODING": encoding}
+    variables = {"PYTHONIOENCODING": encoding}
     if encoding == "LC_ALL=C":
-        given = {"LC_ALL": "C", "PYTHONUTF8": "0", "PYTHONCOERCECLOCALE": "0"}
+        variables = {"LC_ALL": "C", "PYTHONUTF8": "0", "PYTHONCOERCECLOCALE": "0"}
     code = (
         "import sys; from edge_vpr_tools import cli, console\n"
         "cli.run = lambda argv: (print('5 \\u00b5s \\u00b1 1 \\u65e5'), console.note(argv[0]))\n"
         "sys.exit(cli.main(['\\u65e5 \\u00b5']))"
     )
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, env=os.environ | given)
+    done = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, env=os.environ | variables
+    )
     assert done.returncode == 0, done.stderr
     assert done.stdout.startswith(b"5 ") and b"internal" not in done.stderr
     if encoding in ("ascii", "LC_ALL=C"):
         assert done.stdout == b"5 us +- 1 \\u65e5\n"
         assert done.stderr == b"edge-vpr: \\u65e5 u\n"
     words = [sys.executable, "-m", "edge_vpr_tools.cli", "info", str(tmp_path / "\u65e5\u00b5.npz")]
-    done = subprocess.run(words, capture_output=True, env=os.environ | given)
+    done = subprocess.run(words, capture_output=True, env=os.environ | variables)
     assert done.returncode == 1
     assert done.stderr.count(b"\n") == 1 and b"does not exist" in done.stderr
 
@@ -593,8 +595,8 @@ def test_results_are_shown_in_one_short_line(drive):
     matches = reference.match(recording).matches
     assert repr(matches) == "Matches(18 queries, 19 places, L = 2, 0 tied)"
     truth = edge_vpr.from_matrix(np.eye(19, dtype=np.uint8), 19, 19, rows="reference")
-    found = edge_vpr.evaluate(matches, truth)
-    assert repr(found) == "Evaluation(18 queries, P@100R 1.000, R@99P 1.000)"
+    evaluation = edge_vpr.evaluate(matches, truth)
+    assert repr(evaluation) == "Evaluation(18 queries, P@100R 1.000, R@99P 1.000)"
 
 
 COMPLETED = {
@@ -681,7 +683,7 @@ def test_arguments_become_the_flags_that_the_verb_has(text, shown):
 def test_messages_of_the_library_name_no_flags():
     library = Path(edge_vpr.__file__).parent
     flag = re.compile(r"(?<![\w`-])--[a-z]")
-    found = [
+    named = [
         (str(path.relative_to(library)), node.value)
         for path in library.rglob("*.py")
         for raised in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
@@ -690,4 +692,4 @@ def test_messages_of_the_library_name_no_flags():
         if isinstance(node, ast.Constant) and isinstance(node.value, str)
         if flag.search(re.sub(r"edge-vpr [a-z ]+--[a-z]+", "", node.value))
     ]
-    assert found == []
+    assert named == []

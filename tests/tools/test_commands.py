@@ -44,8 +44,8 @@ def call(capsys, *arguments):
 
 def refused(capsys, *arguments, code, says):
     """Check for one line on standard error that says what is wrong."""
-    found, lines = call(capsys, *arguments)
-    assert found == code, lines
+    ended, lines = call(capsys, *arguments)
+    assert ended == code, lines
     assert len(lines) == 1
     assert says in lines[0]
     assert lines[0].startswith("edge-vpr: error: ")
@@ -144,8 +144,8 @@ def test_matches_online_say_what_the_localiser_says(drive, tmp_path, every):
     header, *lines = (output / "matches.csv").read_text().splitlines()
     assert header == (drive / "results" / "matches.csv").read_text().splitlines()[0]
     assert [int(line.split(",")[2]) for line in lines] == place.tolist()
-    given, kept = (ReferenceMap.load(folder / "map.npz") for folder in (drive, output))
-    assert kept.settings == given.settings  # what is asked of one run is no part of the map
+    reference, kept = (ReferenceMap.load(folder / "map.npz") for folder in (drive, output))
+    assert kept.settings == reference.settings  # what is asked of one run is no part of the map
     if every == "window":
         batch = Matches.load(drive / "results" / "matches.npz")
         assert place.tolist() == (batch.place + 1 - 2 // 2).tolist()
@@ -318,23 +318,23 @@ def test_matches_event_by_event_are_evaluated_by_the_same_command(
     arguments += ["--offset", "0", "0"]
     assert main(arguments) == 0
     assert "P@100R" in capsys.readouterr().out
-    found = json.loads((folder / "metrics.json").read_text())["evaluation"]
+    evaluation = json.loads((folder / "metrics.json").read_text())["evaluation"]
     matches = Matches.load(folder / "matches.npz")
     reference = ReferenceMap.load(folder / "map.npz")
     error_us = np.abs(reference.places.centre_us[matches.place] - matches.time_us)
     right = error_us <= 200_000
-    assert found["queries"] == len(matches) > 100
-    assert found["precision_at_100_recall"] == pytest.approx(right.mean(), abs=0.01)
-    assert set(found["recall_at"]) == {"1"}  # of each match only the best place is kept
+    assert evaluation["queries"] == len(matches) > 100
+    assert evaluation["precision_at_100_recall"] == pytest.approx(right.mean(), abs=0.01)
+    assert set(evaluation["recall_at"]) == {"1"}  # of each match only the best place is kept
     assert (folder / "matches.svg").is_file()
     # of more matches than the truth has room for, some are evaluated, and it says how many
     room = len(matches) * len(reference) // 2
     monkeypatch.setattr("edge_vpr_tools.truth_files._MOST_CELLS", room)
     assert main(arguments) == 0
-    found = json.loads((folder / "metrics.json").read_text())["evaluation"]
+    evaluation = json.loads((folder / "metrics.json").read_text())["evaluation"]
     some = -(-len(matches) // 3)
     says = f"edge-vpr: one match in 3 is evaluated: {some:,} of {len(matches):,}\n"
-    assert found["queries"] == some and says in capsys.readouterr().err
+    assert evaluation["queries"] == some and says in capsys.readouterr().err
 
 
 def test_a_matrix_is_declared_by_its_rows_whatever_its_file(drive, tmp_path, capsys):

@@ -66,13 +66,13 @@ def test_the_energy_of_a_cycle_is_that_of_the_clock_and_of_each_cell():
     """Low and high by hand."""
     target = targets.find("ice40up5k")
     clock, cell = (targets.constants()[f"ice40up5k-{name}"] for name in ("clock", "cell"))
-    found = cost(DOCUMENTED, target, RATE)
-    assert found.logic_cells == core_area.cells(DOCUMENTED)
-    assert found.energy_j is not None
-    cycles = found.cycles["search"].central
+    costs = cost(DOCUMENTED, target, RATE)
+    assert costs.logic_cells == core_area.cells(DOCUMENTED)
+    assert costs.energy_j is not None
+    cycles = costs.cycles["search"].central
     for end in ("low", "central", "high"):
-        picojoules = getattr(clock.value, end) + found.logic_cells * getattr(cell.value, end)
-        joules = getattr(found.energy_j["search"], end)
+        picojoules = getattr(clock.value, end) + costs.logic_cells * getattr(cell.value, end)
+        joules = getattr(costs.energy_j["search"], end)
         assert joules == pytest.approx(cycles * picojoules * 1e-12)
 
 
@@ -98,5 +98,5 @@ def test_the_answer_says_the_cells_and_that_there_are_too_few(tmp_path, capsys):
 def test_the_table_is_what_the_tools_say_of_the_core_as_it_is():
     """Within 2 %: another version of the tools packs a few cells more or less."""
     name = "single windows, 8 lanes"
-    (found,) = core_area.measure({name: core_area.FITTED_ON[name]})
-    assert found.cells == pytest.approx(core_area.read()[name].cells, rel=0.02)
+    (measured,) = core_area.measure({name: core_area.FITTED_ON[name]})
+    assert measured.cells == pytest.approx(core_area.read()[name].cells, rel=0.02)

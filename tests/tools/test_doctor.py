@@ -84,8 +84,8 @@ def test_a_port_is_shown_with_the_name_that_stays(monkeypatch, tmp_path, capsys)
     port.touch()
     link.symlink_to(port)
     monkeypatch.setattr(ports, "LINKS", str(tmp_path))
-    found = [list_ports_common.ListPortInfo(str(each)) for each in (port, tmp_path / "ttyS0")]
-    monkeypatch.setattr(list_ports, "comports", lambda: found)
+    attached = [list_ports_common.ListPortInfo(str(each)) for each in (port, tmp_path / "ttyS0")]
+    monkeypatch.setattr(list_ports, "comports", lambda: attached)
     assert main(["ports"]) == 0
     (stays,) = (line for line in capsys.readouterr().out.splitlines() if "always" in line)
     assert stays == f"    always {link}"

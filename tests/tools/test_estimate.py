@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 from edge_vpr_tools.cli import main
 from edge_vpr_tools.commands import estimate as estimate_arguments
-from edge_vpr_tools.commands.estimate import asked_for
+from edge_vpr_tools.commands.estimate import workload_of
 from edge_vpr_tools.estimate import emulation, search, targets
 from edge_vpr_tools.estimate import model as counts
 from edge_vpr_tools.estimate.model import Mission, cost, firmware, instructions_of
@@ -95,8 +95,8 @@ def test_operations_are_those_that_the_specification_does(seed):
     history = [[distance(codes, place) for place in places] for codes in before]
     Metered.tally.clear()
     newest = [distance(query, place) for place in places]
-    found = search_sums(sequence_sums([newest, *history]), design.exclusion)
-    assert accepts(design, found, 0) == (found.sum <= design.largest_sum)
+    best = search_sums(sequence_sums([newest, *history]), design.exclusion)
+    assert accepts(design, best, 0) == (best.sum <= design.largest_sum)
     expected = counts.search_work(design)
     assert Metered.tally["absolute_differences"] == expected.absolute_differences
     assert Metered.tally["additions"] == expected.additions
@@ -211,8 +211,8 @@ def test_instructions_agree_with_the_table_beside_the_sources():
         told = emulation.predict(DESIGN, core)
         assert told.window == pytest.approx(int(row["window_end"]), rel=0.1)
         assert told.match == pytest.approx(int(row["match"]), rel=0.1)
-        found = emulation.predict(FILTER, core).match
-        assert found == pytest.approx(int(row["filter_match"]), rel=0.1)
+        predicted = emulation.predict(FILTER, core).match
+        assert predicted == pytest.approx(int(row["filter_match"]), rel=0.1)
         own = emulation.predict(FILTER, core).window
         assert own == pytest.approx(int(row["contrast_window_end"]), rel=0.1)
         each = instructions_of(DESIGN, core, 10**9)
@@ -224,11 +224,11 @@ def test_energy_has_a_source_or_is_unknown():
     """Every target either cites constants in order, or says what is not known."""
     for name in targets.names():
         target = targets.find(name)
-        found = cost(SMALL, target, RATE)
-        if found.energy_j is None:
-            assert target.unknown and found.per_match_j is None
+        costs = cost(SMALL, target, RATE)
+        if costs.energy_j is None:
+            assert target.unknown and costs.per_match_j is None
         else:
-            value = found.energy_j["search"]
+            value = costs.energy_j["search"]
             assert 0 < value.low <= value.central <= value.high
     for constant in targets.constants().values():
         assert constant.source and constant.node and constant.uncertainty
@@ -261,13 +261,13 @@ def joined(text):
 def test_one_table_has_matches_per_joule_by_the_rate_of_events(capsys):
     """Each target; what they include and at which rate time and energy are is said below."""
     assert main(["estimate", "--json"]) == 0
-    found = json.loads(capsys.readouterr().out)
+    printed = json.loads(capsys.readouterr().out)
     assert main(["estimate"]) == 0
     shown = capsys.readouterr().out
     rows = rows_of(shown)
     assert set(rows) == set(targets.names())
     assert rows["pi-5"][4:] == ["-"] * 4 and rows["cortex-m0plus"][4:] == ["-"] * 3 + ["slow"]
-    for name, told in found["targets"].items():
+    for name, told in printed["targets"].items():
         clock, flash, ram, time = rows[name][:4]
         assert float(clock) == told["clock_hz"] / 1e6 == targets.find(name).clock_hz / 1e6
         memory = told["memory"]
@@ -304,13 +304,13 @@ def test_one_table_has_matches_per_joule_by_the_rate_of_events(capsys):
 
 def test_the_energy_of_a_match_is_that_of_events_window_and_search():
     """By hand: each unit's energy times its rate, over the matches."""
-    design, mission = asked_for(parsed([]))[:2]
-    found = cost(design, targets.find("cortex-m4"), replace(mission, matches_per_s=2.0))
+    design, mission = workload_of(parsed([]))[:2]
+    costs = cost(design, targets.find("cortex-m4"), replace(mission, matches_per_s=2.0))
     rates = {"selected event": 166.7, "other event": 99833.3, "window": 2.0, "search": 2.0}
-    by_hand = sum(found.energy_j[unit].central * rate for unit, rate in rates.items()) / 2
-    assert found.per_match_j.central == pytest.approx(by_hand, rel=1e-3)
-    assert found.matches_per_joule.central == pytest.approx(1 / found.per_match_j.central)
-    assert found.matches_per_joule.low == pytest.approx(1 / found.per_match_j.high)
+    by_hand = sum(costs.energy_j[unit].central * rate for unit, rate in rates.items()) / 2
+    assert costs.per_match_j.central == pytest.approx(by_hand, rel=1e-3)
+    assert costs.matches_per_joule.central == pytest.approx(1 / costs.per_match_j.central)
+    assert costs.matches_per_joule.low == pytest.approx(1 / costs.per_match_j.high)
 
 
 def test_windows_of_a_number_of_events_end_more_often_at_a_higher_rate():
@@ -327,7 +327,7 @@ def test_windows_of_a_number_of_events_end_more_often_at_a_higher_rate():
 
 def test_the_default_design_is_that_of_the_default_settings():
     """Of the flags: pixels, bits, codes and matching of the product's default."""
-    design = asked_for(parsed([])).design
+    design = workload_of(parsed([])).design
     default = PRESETS["default"]
     assert (design.pixels, design.code_bits) == (default.pixels, default.counter_bits)
     assert (design.matching, design.code) == (default.matching, default.counter_scaling)
@@ -338,10 +338,10 @@ def test_the_default_design_is_that_of_the_default_settings():
 def test_a_map_gives_the_design_and_its_rate_of_events(drive):  # noqa: F811
     path = str(drive / "map.npz")
     mapped = ReferenceMap.load(path)
-    asked = asked_for(parsed(["--map", path]))
-    assert asked.design.places == len(mapped) and asked.rate_is == "as in the map's drive"
+    workload = workload_of(parsed(["--map", path]))
+    assert workload.design.places == len(mapped) and workload.rate_is == "as in the map's drive"
     seconds = (mapped.places.end_us - mapped.places.start_us).sum() / 1e6
-    assert asked.mission.events_per_s == pytest.approx(mapped.places.events.sum() / seconds)
+    assert workload.mission.events_per_s == pytest.approx(mapped.places.events.sum() / seconds)
 
 
 def test_a_map_of_frames_of_its_pixels_has_no_rate_of_events(drive, tmp_path, capsys):  # noqa: F811
@@ -373,19 +373,19 @@ def test_given_places_go_before_those_of_a_design(tmp_path):
     SMALL.save(tmp_path / "mine.toml")
     own = ["--target", "cortex-m4", "--design", str(tmp_path / "mine.toml")]
     for flags, places in ((["--places", "30"], 30), ([], 200)):
-        assert asked_for(parsed([*own, *flags])).design.places == places
+        assert workload_of(parsed([*own, *flags])).design.places == places
 
 
 def test_power_is_the_energy_of_the_rates():
     """The work's is each unit's energy times its rate; at rest an FPGA's clock runs on."""
-    found = cost(SMALL, targets.find("ice40up5k"), RATE)
-    assert found.energy_j and found.per_match_j and found.idle_w and found.whole_w
-    by_hand = sum(found.energy_j[unit].central * rate for unit, rate in RATE.rates.items())
-    assert found.per_match_j.central * RATE.matches_per_s == pytest.approx(by_hand)
-    assert found.whole_w.central == pytest.approx(by_hand + found.idle_w.central)
+    costs = cost(SMALL, targets.find("ice40up5k"), RATE)
+    assert costs.energy_j and costs.per_match_j and costs.idle_w and costs.whole_w
+    by_hand = sum(costs.energy_j[unit].central * rate for unit, rate in RATE.rates.items())
+    assert costs.per_match_j.central * RATE.matches_per_s == pytest.approx(by_hand)
+    assert costs.whole_w.central == pytest.approx(by_hand + costs.idle_w.central)
     # 46.6 uA/MHz at 1.219 V and 12 MHz in the cycles that the work leaves
-    clock_w = 46.6e-6 * 12 * 1.219 * (1 - found.load.central)
-    assert found.idle_w.central == pytest.approx(104e-6 + clock_w, rel=1e-3)
+    clock_w = 46.6e-6 * 12 * 1.219 * (1 - costs.load.central)
+    assert costs.idle_w.central == pytest.approx(104e-6 + clock_w, rel=1e-3)
     zero = cost(SMALL, targets.find("pi-zero-2w"), RATE)
     assert zero.idle_w == targets.constants()["pi-zero-2w-idle"].value
 
@@ -410,9 +410,9 @@ def test_a_load_that_may_not_keep_up_does_not_fit():
     m0, ice = targets.find("cortex-m0plus"), targets.find("ice40up5k")
     load = cost(SMALL, m0, RATE).load
     between = replace(RATE, events_per_s=RATE.events_per_s * 2 / (load.low + load.high))
-    found = on_target(SMALL, between, Limits(m0))
-    assert found.cost.load.low < 1 < found.cost.load.high
-    assert found.limited_by.startswith("its speed: busy 0.")
+    device = on_target(SMALL, between, Limits(m0))
+    assert device.cost.load.low < 1 < device.cost.load.high
+    assert device.limited_by.startswith("its speed: busy 0.")
     slow = replace(RATE, events_per_s=20_833)
     long = replace(SMALL, timestamp_bits=40)
     assert on_target(long, slow, Limits(ice)).limited_by == ""
@@ -439,7 +439,7 @@ def test_a_design_over_the_firmwares_widths_does_not_fit():
 
 def test_the_smallest_design_that_is_as_good_is_recommended(monkeypatch):
     """Within a standard error of the best that fits; what keeps a better one from fitting."""
-    design, mission = asked_for(parsed(["--places", "2000"]))[:2]
+    design, mission = workload_of(parsed(["--places", "2000"]))[:2]
     m4 = targets.find("cortex-m4")
 
     def recommended(budget, *tried):
@@ -507,10 +507,10 @@ def test_the_rovers_question_is_one_command(tmp_path, capsys):
 
 def test_places_at_whole_windows_alone_are_no_silent_answer():
     """Those at half windows, which are more correct, need one block memory too many."""
-    design, mission = asked_for(parsed(["--places", "1334", "--event-rate", "3e4"]))[:2]
-    found = recommend(design, mission, Limits(targets.find("ice40up5k")))
-    assert found.best.device.design.places == 667
-    assert found.limit == "35 of 30 block memories, 1 of 4 large ones"
+    design, mission = workload_of(parsed(["--places", "1334", "--event-rate", "3e4"]))[:2]
+    recommended = recommend(design, mission, Limits(targets.find("ice40up5k")))
+    assert recommended.best.device.design.places == 667
+    assert recommended.limit == "35 of 30 block memories, 1 of 4 large ones"
 
 
 def test_where_no_design_fits_no_better_one_is_named(capsys):
@@ -588,8 +588,8 @@ def test_a_target_of_ones_own(tmp_path):
     path = tmp_path / "mine.toml"
     text = 'kind = "processor"\ncore = "cortex-m4"\nclock_hz = 1e6\n'
     path.write_text(text + "cpi = [1, 2, 3]\n")
-    found = targets.find(str(path))
-    assert (found.name, found.clock_hz) == ("mine", 1e6)
+    target = targets.find(str(path))
+    assert (target.name, target.clock_hz) == ("mine", 1e6)
     for wrong, says in (
         ("cpi = [3, 2, 1]\n", "low, central and high"),
         ("", "low, central and high"),
@@ -623,12 +623,12 @@ def test_bad_use_is_one_line(capsys, arguments, says):
 
 def test_the_page_says_what_the_ice40_takes_besides_the_work():
     """Static power and a running clock, and what its SPI line carries."""
-    design, mission = asked_for(parsed([]))[:2]
-    found = cost(design, targets.find("ice40up5k"), mission)
+    design, mission = workload_of(parsed([]))[:2]
+    costs = cost(design, targets.find("ice40up5k"), mission)
     static = targets.constants()["ice40up5k-static"].value.central
-    parts = f"{1e3 * static:.2f} and {1e3 * (found.idle_w.central - static):.2f} mW"
-    whole = f"{mission.matches_per_s / found.whole_w.central:,.0f} matches per joule"
+    parts = f"{1e3 * static:.2f} and {1e3 * (costs.idle_w.central - static):.2f} mW"
+    whole = f"{mission.matches_per_s / costs.whole_w.central:,.0f} matches per joule"
     text = " ".join((ROOT / "docs/results.md").read_text(encoding="utf-8").split())
     assert f"{parts}: with both" in text
-    assert f"there are {whole} instead of {found.matches_per_joule.central:,.0f}" in text
-    assert f"[{found.spi_events_per_s:,.0f} events/s]" in text
+    assert f"there are {whole} instead of {costs.matches_per_joule.central:,.0f}" in text
+    assert f"[{costs.spi_events_per_s:,.0f} events/s]" in text

@@ -168,8 +168,8 @@ def missing(verb, runs):
     """Flags of a verb that no run has."""
     used = set()
     for line in runs:
-        found, words = find_verb(line.split())
-        if found == verb:
+        verb_of_line, words = find_verb(line.split())
+        if verb_of_line == verb:
             used |= set(words)
     for flag, spellings in flags_of(verb):
         # --no-x is a flag of its own
@@ -245,10 +245,10 @@ def test_every_command_line_ends_as_it_should(folder, capsys, monkeypatch):
     wrong = []
     monkeypatch.setattr("edge_vpr_tools.profile.sensors.sensor.ROOT", folder / "board")
     for line, code in RUNS:
-        found = cli.main(line.format(f=folder).split())
+        ended = cli.main(line.format(f=folder).split())
         err = capsys.readouterr().err
-        if found not in (code if isinstance(code, tuple) else (code,)) or "internal error" in err:
-            wrong.append(f"{line}\nended with {found}, not {code}:\n{err}")
+        if ended not in (code if isinstance(code, tuple) else (code,)) or "internal error" in err:
+            wrong.append(f"{line}\nended with {ended}, not {code}:\n{err}")
     assert not wrong, "\n".join(wrong)
 
 

@@ -156,8 +156,8 @@ def test_a_single_lost_match_is_seen_in_the_chart(browser, server):
 def test_a_map_need_not_have_positions_in_metres(browser, server, route, where):
     send(server, *filter(None, [route]))
     show(browser, server)
-    found = match(7) if "m of" in where else {"kind": "match", "place": 7, "lost": False}
-    send(server, HEALTH, found)
+    row = match(7) if "m of" in where else {"kind": "match", "place": 7, "lost": False}
+    send(server, HEALTH, row)
     browser.wait_for(f"document.getElementById('where').textContent == '{where}'")
     assert browser.value("document.querySelectorAll('.robot').length") == (route is not None)
 

@@ -80,19 +80,21 @@ def legend(text, label):
 def test_the_verdict_says_what_the_metrics_say(street):
     printed = (street / "printed.txt").read_text().splitlines()[0]
     metrics, text = read(street / "results")
-    found = metrics["evaluation"]
-    correct = round(found["precision_at_100_recall"] * found["queries"])
-    assert 0 < correct < found["queries"]
+    evaluation = metrics["evaluation"]
+    correct = round(evaluation["precision_at_100_recall"] * evaluation["queries"])
+    assert 0 < correct < evaluation["queries"]
     assert printed == metrics["verdict"]
-    assert printed.startswith(f"{correct} of {found['queries']} smoothed matches are correct; ")
+    assert printed.startswith(
+        f"{correct} of {evaluation['queries']} smoothed matches are correct; "
+    )
     assert printed in text
     kinds = [f"{a}, {b}" for a in ("correct", "wrong") for b in ("accepted", "not accepted")]
     shown = {kind: legend(text, kind) or {0} for kind in kinds}
     assert all(len(numbers) == 1 for numbers in shown.values())
     (yes,), (no,), (bad,), (worse,) = shown.values()
-    assert (yes + no, bad + worse) == (correct, found["queries"] - correct)
+    assert (yes + no, bad + worse) == (correct, evaluation["queries"] - correct)
     share = re.search(r"(\d+) % would be accepted at precision 0.99", printed)
-    assert abs(int(share[1]) - 100 * (yes + bad) / found["queries"]) <= 0.5
+    assert abs(int(share[1]) - 100 * (yes + bad) / evaluation["queries"]) <= 0.5
 
 
 @pytest.mark.parametrize("promised", [True, False])
@@ -208,8 +210,8 @@ def test_a_colour_means_the_same_from_above_and_along_the_route(street, judged):
     correct = np.ones((len(result.reference), result.queries.end_us.size), np.bool_)
     correct[:, ::3] = False
     truth = GroundTruth(correct, np.ones(correct.shape[1], np.bool_), "by hand")
-    found = evaluate(matches, truth) if judged else None
-    outcome = outcome_of(result.reference, matches, found)
+    evaluation = evaluate(matches, truth) if judged else None
+    outcome = outcome_of(result.reference, matches, evaluation)
     view = figures.RouteView.of(result.reference, outcome, result.reference.route)
     marks, strip = {}, replace(view, route=None, at=outcome.time_s).figure(outcome).axes[0]
     for each in view.figure(outcome).axes[0].collections:
@@ -305,9 +307,9 @@ def test_errors_without_positions_are_places_to_the_nearest_correct_one():
     correct[[1, 5], 0] = correct[2, 1] = True
     truth = GroundTruth(correct, np.ones(3, dtype=np.bool_), "by hand")
     assert truth.error_unit == "places"
-    found = truth.errors(np.array([0, 4, 0]), np.array([0, 1, 2]))
-    assert found.tolist()[:2] == [1.0, 2.0]
-    assert np.isnan(found[2])
+    errors = truth.errors(np.array([0, 4, 0]), np.array([0, 1, 2]))
+    assert errors.tolist()[:2] == [1.0, 2.0]
+    assert np.isnan(errors[2])
 
 
 def test_when_all_are_wrong_or_all_correct_the_verdict_is_short(street):
@@ -316,12 +318,12 @@ def test_when_all_are_wrong_or_all_correct_the_verdict_is_short(street):
     n = len(matches)
     truth = np.zeros((len(reference), int(matches.query[-1]) + 1), dtype=np.bool_)
     truth[matches.place, matches.query] = True
-    known = np.ones(truth.shape[1], dtype=np.bool_)
+    has_truth = np.ones(truth.shape[1], dtype=np.bool_)
     for correct, start in (
         (truth, f"{n} of {n} smoothed matches are correct; "),
         (~truth, f"0 of {n} "),
     ):
-        right = GroundTruth(correct, known, "by hand")
+        right = GroundTruth(correct, has_truth, "by hand")
         text = outcome_of(reference, matches, evaluate(matches, right)).sentence()
         assert text.startswith(start)
         assert "lie at" not in text
@@ -388,10 +390,10 @@ def test_a_result_draws_itself_on_axes_of_its_own_or_given_ones(street):
     assert drawn[0].get_legend() is None  # it covers no panel
     entries = [text.get_text() for text in drawn[0].figure.legends[0].get_texts()]
     assert len(entries) == len(set(entries)) > 4
-    _, given = pyplot.subplots(1, 2)
-    assert list(result.plot(axes=given)) == list(given)
-    assert [axes.get_ylabel() for axes in given] == ["y (m)", "distance along the route (m)"]
-    assert given[0].get_legend() is not None
+    _, own_axes = pyplot.subplots(1, 2)
+    assert list(result.plot(axes=own_axes)) == list(own_axes)
+    assert [axes.get_ylabel() for axes in own_axes] == ["y (m)", "distance along the route (m)"]
+    assert own_axes[0].get_legend() is not None
     _, one = pyplot.subplots()
     assert list(result.plot(judged, axes=one)) == [one]
     pyplot.close("all")
@@ -442,8 +444,8 @@ def test_a_map_says_in_python_what_info_prints(street, capsys):
     printed = capsys.readouterr().out
     assert printed.endswith(f"{info}\n")
     run("info", street / "map.npz", "--json")
-    found = json.loads(capsys.readouterr().out)
-    assert {name: found[name] for name in ("places", "route_m", "settings")} == {
+    of_info = json.loads(capsys.readouterr().out)
+    assert {name: of_info[name] for name in ("places", "route_m", "settings")} == {
         "places": info.places,
         "route_m": info.route_m,
         "settings": info.settings,
@@ -481,17 +483,17 @@ def test_the_points_of_the_curve_are_a_table_and_its_picture_is_always_there(str
     result = MatchResult.load(street / "results")
     tracks = (street / "reference.csv", street / "query.csv")
     for tolerance in (3, 10):  # some wrong, none wrong
-        found = result.evaluate(tracks, tolerance)
-        result.report(tmp_path / f"{tolerance}", found, figures=("svg",))
+        evaluation = result.evaluate(tracks, tolerance)
+        result.report(tmp_path / f"{tolerance}", evaluation, figures=("svg",))
         picture = (tmp_path / f"{tolerance}/precision_recall.svg").read_text()
-        assert f"of the {found.correct.sum()} queries whose best match is correct" in picture
+        assert f"of the {evaluation.correct.sum()} queries whose best match is correct" in picture
         table = pandas.read_csv(tmp_path / f"{tolerance}/precision_recall.csv")
-        np.testing.assert_array_equal(table["recall"], found.curve.recall)
+        np.testing.assert_array_equal(table["recall"], evaluation.curve.recall)
         np.testing.assert_array_equal(table["tp"] / (table["tp"] + table["fp"]), table["precision"])
         for row in table.itertuples():  # the threshold is of the trust as matches.csv has it
             accepted = result.matches.trust >= row.threshold
-            assert (accepted & found.correct).sum() == row.tp
-    assert not (found.evaluated & ~found.correct).any()
+            assert (accepted & evaluation.correct).sum() == row.tp
+    assert not (evaluation.evaluated & ~evaluation.correct).any()
 
 
 def test_json_on_standard_output_is_what_the_files_hold_and_nothing_else(street, tmp_path, capsys):

@@ -304,11 +304,11 @@ def test_the_interval_covers_the_truth_in_90_of_a_hundred_runs_and_not_in_all(pa
         watts = [(w.load, powered(trace, w).middle_watts) for w in windows]
         load, idle = (np.array([w for loaded, w in watts if loaded == of]) for of in (True, False))
         a_match_s = [(w.end_s - w.start_s) / w.matches for w in windows if w.load]
-        found = interval((load - idle) * a_match_s)
+        between = interval((load - idle) * a_match_s)
         if run == 0:  # which is what is told
             told = analyse(trace, windows, METER).figures
-            assert told.marginal_j_per_match_interval == (found.low, found.high)
-        covered += found.low <= JOULES <= found.high
+            assert told.marginal_j_per_match_interval == (between.low, between.high)
+        covered += between.low <= JOULES <= between.high
     assert 450 <= covered < 500
 
 
@@ -318,17 +318,17 @@ def test_what_is_not_there_is_not_resolved():
     resolved = 0
     for _ in range(200):
         windows, time_s, watts = synthetic(rng, delta=0.0)
-        found = analyse(Trace.of_power(time_s, watts), windows, METER).figures
-        resolved += found.marginal_j_per_match is not None
-        assert (found.marginal_j_per_match is None) == (found.matches_per_joule is None)
+        figures = analyse(Trace.of_power(time_s, watts), windows, METER).figures
+        resolved += figures.marginal_j_per_match is not None
+        assert (figures.marginal_j_per_match is None) == (figures.matches_per_joule is None)
     # one side of an interval that covers 92 to 98 % of the truth: 8 of 200 at most, and chance
     assert resolved <= 14
     told = []
     for _ in range(40):
         windows, time_s, watts = synthetic(rng, noise=3.0, delta=0.5)
-        found = analyse(Trace.of_power(time_s, watts), windows, METER).figures
-        if found.pairs_needed is not None:
-            told.append(found.pairs_needed)
+        figures = analyse(Trace.of_power(time_s, watts), windows, METER).figures
+        if figures.pairs_needed is not None:
+            told.append(figures.pairs_needed)
     assert told and min(told) > 7
 
 
@@ -355,11 +355,11 @@ def test_a_slow_meter_in_quick_windows_has_the_truth_in_its_interval(late):
     covered = 0
     for seed in range(40):
         windows, when, watts = slow_meter(np.random.default_rng(seed), 0.5, 5.0, late)
-        found = analyse(Trace.of_power(when, watts), windows, about).figures
-        low, high = found.marginal_j_per_match_interval
+        figures = analyse(Trace.of_power(when, watts), windows, about).figures
+        low, high = figures.marginal_j_per_match_interval
         covered += low <= JOULES <= high
-        assert found.idle_w == pytest.approx(2.0, abs=0.01)
-        per_joule = found.matches_per_joule_interval
+        assert figures.idle_w == pytest.approx(2.0, abs=0.01)
+        per_joule = figures.matches_per_joule_interval
         assert per_joule == pytest.approx((1 / high, 1 / low))
     assert covered >= 36
     windows, when, watts = slow_meter(np.random.default_rng(0), 0.5, 2.0, late)
@@ -369,13 +369,13 @@ def test_a_slow_meter_in_quick_windows_has_the_truth_in_its_interval(late):
 
 def test_repeated_readings_do_not_narrow_the_interval():
     """The same measurement, each reading logged once or six times."""
-    found = []
+    widths = []
     for repeats in (1, 6):
         windows, time_s, watts = synthetic(np.random.default_rng(3), repeats=repeats)
         one = analyse(Trace.of_power(time_s, watts), windows, METER)
         low, high = one.figures.marginal_j_per_match_interval
-        found.append(high - low)
-    assert found[1] == pytest.approx(found[0], rel=0.2)
+        widths.append(high - low)
+    assert widths[1] == pytest.approx(widths[0], rel=0.2)
 
 
 def test_an_interval_needs_five_pairs_and_is_a_point_where_they_agree():
@@ -387,9 +387,9 @@ def test_an_interval_needs_five_pairs_and_is_a_point_where_they_agree():
 
 def test_the_energy_of_a_match_is_what_it_adds_to_the_board_at_rest():
     windows, time_s, watts = synthetic(np.random.default_rng(5), noise=0.001, drift=0.0)
-    found = analyse(Trace.of_power(time_s, watts), windows, METER).figures
-    assert found.marginal_j_per_match == pytest.approx(JOULES, rel=0.02)
-    assert (found.idle_w, found.load_w) == pytest.approx((2.0, 2.5), rel=0.02)
+    figures = analyse(Trace.of_power(time_s, watts), windows, METER).figures
+    assert figures.marginal_j_per_match == pytest.approx(JOULES, rel=0.02)
+    assert (figures.idle_w, figures.load_w) == pytest.approx((2.0, 2.5), rel=0.02)
 
 
 def test_turns_alternate_so_that_a_steady_drift_cancels(monkeypatch):
@@ -428,9 +428,9 @@ def test_a_measurement_finds_what_the_load_takes():
         Board.watts = 1.0
         return round(1000 * seconds)
 
-    found = measure(Board(), Plan(5, 0.1, quick=True), load)
-    assert found.figures.marginal_j_per_match == pytest.approx(2e-3, rel=0.25)
-    assert found.figures.idle_w == pytest.approx(1.0, rel=0.25)
+    measurement = measure(Board(), Plan(5, 0.1, quick=True), load)
+    assert measurement.figures.marginal_j_per_match == pytest.approx(2e-3, rel=0.25)
+    assert measurement.figures.idle_w == pytest.approx(1.0, rel=0.25)
 
 
 def test_throttling_voids_a_run(tmp_path):
@@ -674,11 +674,11 @@ def profile(load, tmp_path_factory):
 @pytest.mark.slow
 def test_without_a_sensor_all_but_the_joules_is_there(profile, capsys):
     """And says so, in JSON, table and spreadsheet: no zero, no guess."""
-    found = json.loads((profile / "profile.json").read_text())
-    assert found["throughput"]["matches_per_s"] > 0
-    assert found["throughput"]["latency_p99_s"] >= found["throughput"]["latency_p50_s"] > 0
-    assert found["throughput"]["peak_memory_bytes"] > 1e7
-    energy = found["energy"]
+    written = json.loads((profile / "profile.json").read_text())
+    assert written["throughput"]["matches_per_s"] > 0
+    assert written["throughput"]["latency_p99_s"] >= written["throughput"]["latency_p50_s"] > 0
+    assert written["throughput"]["peak_memory_bytes"] > 1e7
+    energy = written["energy"]
     assert energy["figures"] is None and len(energy["not_measured_because"]) >= 3
     with (profile / "profile.csv").open(newline="") as file:
         rows = {row["quantity"]: row for row in csv.DictReader(file)}
@@ -686,7 +686,7 @@ def test_without_a_sensor_all_but_the_joules_is_there(profile, capsys):
     for row in rows.values():
         # numbers as numbers, without units or thousands' commas
         assert all(not cell or float(cell) >= 0 for cell in list(row.values())[1:])
-    assert float(rows["matches_per_s"]["value"]) == found["throughput"]["matches_per_s"]
+    assert float(rows["matches_per_s"]["value"]) == written["throughput"]["matches_per_s"]
     # the folder stands for the file in it
     compare = ["profile", "compare", str(profile), str(profile / "profile.json")]
     capsys.readouterr()
@@ -711,12 +711,12 @@ def test_a_match_is_that_of_a_window(drive, profile):  # noqa: F811
 
 def test_a_profile_says_where_it_was_made(profile):
     """Board, kernel, clock, sensor and versions, known or not."""
-    found = json.loads((profile / "profile.json").read_text())
-    assert found["kernel"] == platform.release()
-    assert {"python", "edge-vpr", "numpy", "numba"} <= set(found["run"]["versions"])
+    written = json.loads((profile / "profile.json").read_text())
+    assert written["kernel"] == platform.release()
+    assert {"python", "edge-vpr", "numpy", "numba"} <= set(written["run"]["versions"])
     # nothing is told below this folder
-    assert found["board"] is found["energy"]["sensor"] is None
-    assert found["conditions"]["loaded"]["frequency_hz"] is None
+    assert written["board"] is written["energy"]["sensor"] is None
+    assert written["conditions"]["loaded"]["frequency_hz"] is None
 
 
 class Follower(threading.Thread):
@@ -768,13 +768,13 @@ def test_a_profile_with_a_sensor_has_joules_figures_and_its_board(
         assert main([*PROFILE, *load, *flags]) == 0
     shown = capsys.readouterr()
     assert "measuring energy takes about" in shown.err
-    found = json.loads((out / "profile.json").read_text())
-    figures, sensor = found["energy"]["figures"], found["energy"]["sensor"]
+    written = json.loads((out / "profile.json").read_text())
+    figures, sensor = written["energy"]["figures"], written["energy"]["sensor"]
     assert 0.9 < figures["idle_w"] < 1.6
     low, high = figures["matches_per_joule_interval"]
     assert 0 < low <= figures["matches_per_joule"] <= high
-    assert found["board"].startswith("Raspberry Pi 4")
-    assert found["conditions"]["loaded"]["frequency_hz"] == 1.5e9
+    assert written["board"].startswith("Raspberry Pi 4")
+    assert written["conditions"]["loaded"]["frequency_hz"] == 1.5e9
     assert (sensor["name"], sensor["shunt_mohm"]) == ("ina226@hwmon2", 20.0)
     pictures = {path.name for path in out.glob("*.png")}
     assert pictures == {"power.png"}
@@ -793,10 +793,10 @@ def test_a_sensor_that_vanishes_leaves_the_rest_of_the_profile(load, tmp_path, c
     monkeypatch.setattr(ROOT, tmp_path)
     assert main([*PROFILE, *load, "-o", str(out)]) == 0
     gone.join()
-    found = json.loads((out / "profile.json").read_text())
-    assert found["throughput"]["matches_per_s"] > 0
-    assert found["energy"]["figures"] is None
-    assert "still there" in found["energy"]["not_measured_because"][0]
+    written = json.loads((out / "profile.json").read_text())
+    assert written["throughput"]["matches_per_s"] > 0
+    assert written["energy"]["figures"] is None
+    assert "still there" in written["energy"]["not_measured_because"][0]
     assert "not measured" in capsys.readouterr().out
 
 
@@ -815,9 +815,9 @@ def test_a_throttled_run_is_void(load, tmp_path, capsys, monkeypatch):
     monkeypatch.setattr(ROOT, tmp_path)
     flags = ["-o", str(tmp_path / "out"), "--sensor-name"]
     assert main([*PROFILE, *load, *flags, "ina226@hwmon2"]) == 0
-    found = json.loads((tmp_path / "out/profile.json").read_text())
-    assert found["conditions"]["void_because"] == "throttled"
-    energy = found["energy"]
+    written = json.loads((tmp_path / "out/profile.json").read_text())
+    assert written["conditions"]["void_because"] == "throttled"
+    energy = written["energy"]
     assert energy["figures"] is None and energy["windows"] and energy["trace"]["watts"]
     shown = capsys.readouterr().out
     assert "VOID" in shown and "void: throttled" in shown
@@ -874,7 +874,7 @@ def test_an_interrupt_that_a_library_drops_is_raised_before_the_next_window(monk
 
 def test_two_profiles_are_compared_by_their_intervals(profile, tmp_path, capsys, monkeypatch):
     """952 and 1,098 matches a joule of one power overlap; half of the energy does not."""
-    found = json.loads((profile / "profile.json").read_text())
+    written = json.loads((profile / "profile.json").read_text())
     windows, time_s, watts = synthetic(np.random.default_rng(5))
     energy = to_json(analyse(Trace.of_power(time_s, watts), windows, METER))
     for name, value, bounds in (
@@ -883,7 +883,7 @@ def test_two_profiles_are_compared_by_their_intervals(profile, tmp_path, capsys,
         (tmp_path / name).mkdir()
         of = {"matches_per_joule": value, "matches_per_joule_interval": bounds}
         of = energy | {"figures": energy["figures"] | of}
-        (tmp_path / name / "profile.json").write_text(json.dumps(found | {"energy": of}))
+        (tmp_path / name / "profile.json").write_text(json.dumps(written | {"energy": of}))
     monkeypatch.chdir(tmp_path)
     for other, says in (("b", "overlap"), ("c", "apart")):
         sides = ["a", other]
@@ -901,12 +901,12 @@ def test_two_profiles_are_compared_by_their_intervals(profile, tmp_path, capsys,
 def test_a_profile_is_read_back_as_it_was_written(profile):
     """Without a sensor, with one, and void; each field of the record is one of the file."""
     values = json.loads((profile / "profile.json").read_text())
-    found = Profile.load_file(profile / "profile.json")
+    loaded = Profile.load_file(profile / "profile.json")
     windows, time_s, watts = synthetic(np.random.default_rng(5))
     energy = analyse(Trace.of_power(time_s, watts), windows, METER)
-    assert to_json(found) == values
+    assert to_json(loaded) == values
     for one in (energy, replace(energy, figures=None)):
-        written = json.loads(json.dumps(to_json(replace(found, energy=one))))
+        written = json.loads(json.dumps(to_json(replace(loaded, energy=one))))
         assert from_json(Profile, written).energy == one
 
 
@@ -946,11 +946,11 @@ def test_a_damaged_profile_is_one_line_that_names_the_field(
 
 def test_a_meter_is_added_afterwards_and_drawn(profile, tmp_path, capsys):
     """The profile that took turns gets joules of the trace, a report, and its numbers."""
-    found = json.loads((profile / "profile.json").read_text())
+    written = json.loads((profile / "profile.json").read_text())
     windows, time_s, watts = synthetic(np.random.default_rng(9))
-    found["energy"]["windows"] = [window._asdict() for window in windows]
+    written["energy"]["windows"] = [window._asdict() for window in windows]
     path, meter = tmp_path / "profile.json", tmp_path / "meter.csv"
-    path.write_text(json.dumps(found))
+    path.write_text(json.dumps(written))
     first = next(window.start_s for window in windows if window.load)
 
     def table(name, ahead=0.0, kept=slice(None)):

@@ -46,7 +46,7 @@ def port_of(server: MatchServer) -> int:
     return server.socket.getsockname()[1]
 
 
-def asked(server: MatchServer, request: str) -> bytes:
+def answer_to(server: MatchServer, request: str) -> bytes:
     """The whole answer to bytes that are sent as they are."""
     with socket.create_connection(("127.0.0.1", port_of(server)), timeout=60) as sock:
         sock.sendall(request.encode())
@@ -64,10 +64,10 @@ def got(server: MatchServer, path: str, **headers: str) -> tuple[int, dict[str, 
 
 def listen(server: MatchServer) -> socket.socket:
     """A reader of /events that the server knows."""
-    known = len(server._readers)
+    before = len(server._readers)
     sock = socket.create_connection(("127.0.0.1", port_of(server)), timeout=60)
     sock.sendall(b"GET /events HTTP/1.1\r\nHost: localhost\r\n\r\n")
-    wait_until(lambda: len(server._readers) > known)
+    wait_until(lambda: len(server._readers) > before)
     return sock
 
 
@@ -128,14 +128,14 @@ def test_a_row_has_every_field_of_its_match():
 
 
 def test_readers_get_the_rows_that_json_prints(drive, capsys, monkeypatch):
-    servers, found, threads = [], [], []
+    servers, received, threads = [], [], []
     enter = MatchServer.__enter__
 
     def begin(server):
         enter(server)
         servers.append(server)
         for sock in (listen(server), listen(server)):
-            threads.append(threading.Thread(target=lambda s=sock: found.append(rows_of(s))))
+            threads.append(threading.Thread(target=lambda s=sock: received.append(rows_of(s))))
             threads[-1].start()
         return server
 
@@ -145,7 +145,7 @@ def test_readers_get_the_rows_that_json_prints(drive, capsys, monkeypatch):
     for thread in threads:
         thread.join(10)
     printed = [json.loads(line) for line in capsys.readouterr().out.splitlines()]
-    assert found == [printed, printed]
+    assert received == [printed, printed]
     route, notice, *_ = printed
     assert (route["kind"], route["places"]) == ("route", len(drive[1]))
     assert route["along_m"][:3] == [None, 2.5, 5.0]
@@ -290,7 +290,7 @@ def running():
     ],
 )
 def test_only_a_get_under_a_name_of_this_machine_is_answered(running, request_, status):
-    answer = asked(running, request_)
+    answer = answer_to(running, request_)
     head, _, body = answer.partition(b"\r\n\r\n")
     assert head.startswith(b"HTTP/1.0 %d " % status)
     assert status == 200 or body.startswith(b"%d " % status)
@@ -312,29 +312,29 @@ def test_nothing_of_the_page_may_be_stored_or_framed_and_it_reads_no_other_addre
 def test_health_is_for_a_watchdog(monkeypatch):
     with MatchServer("0") as server:
 
-        def asked_health():
+        def health():
             status, _, body = got(server, "/health")
-            found = json.loads(body)
-            assert found["ok"] is (status == 200)
-            return status, found["why"], found["match"]
+            answered = json.loads(body)
+            assert answered["ok"] is (status == 200)
+            return status, answered["why"], answered["match"]
 
-        assert asked_health() == (200, "edge-vpr has only just begun", None)
+        assert health() == (200, "edge-vpr has only just begun", None)
         server.send("health", json.dumps(HEALTH))
-        assert asked_health() == (200, "", None)
+        assert health() == (200, "", None)
         server.send("match", json.dumps({"kind": "match", "place": 7, "age_s": 100.0}))
-        status, _, match = asked_health()
+        status, _, match = health()
         assert (status, match["place"]) == (200, 7) and match["age_s"] >= 100
         for most, lost in ((200.0, False), (50.0, True)):
             server.send("health", json.dumps({**HEALTH, "max_age_s": most}))
             server.send("match", json.dumps({"kind": "match", "lost": False, "age_s": 100.0}))
-            assert asked_health()[2]["lost"] is lost
-            assert asked_health()[2].get("probability") == (0 if lost else None)
+            assert health()[2]["lost"] is lost
+            assert health()[2].get("probability") == (0 if lost else None)
         server.send("health", json.dumps({**HEALTH, "silent_s": 3.2}))
-        assert asked_health()[:2] == (503, "nothing came for 3 s")
+        assert health()[:2] == (503, "nothing came for 3 s")
         server.send("health", json.dumps({**HEALTH, "lost_link": "port: gone"}))
-        assert asked_health()[:2] == (503, "the link is lost: port: gone")
+        assert health()[:2] == (503, "the link is lost: port: gone")
         monkeypatch.setattr(publish, "STUCK_S", 0.0)
-        assert "stands still" in asked_health()[1]
+        assert "stands still" in health()[1]
 
 
 def test_without_a_free_descriptor_the_server_pauses_and_goes_on_later(monkeypatch):

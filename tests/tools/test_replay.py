@@ -147,9 +147,9 @@ def test_a_film_of_a_map_without_positions_shows_the_truth_of_an_alignment(there
     with panels(2, 3, 7.2, 4.5) as (drawing, axes):
         shown = _Film(film, drawing, axes)
     time_s, at_s = shown._true.T
-    known = time_s <= 2
-    assert np.allclose(at_s[known], time_s[known] / 2, atol=0.05)  # of the nearest place
-    assert known.any() and np.isnan(at_s[~known]).all() and (~known).any()
+    placed = time_s <= 2
+    assert np.allclose(at_s[placed], time_s[placed] / 2, atol=0.05)  # of the nearest place
+    assert placed.any() and np.isnan(at_s[~placed]).all() and (~placed).any()
     for i in (int(np.argmax(film.outcome.wrong)), int(np.argmax(film.outcome.correct))):
         shown.frame(i)
         marked = [len(mark.get_offsets()) for mark in (shown._now, shown._wrong)]

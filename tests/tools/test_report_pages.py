@@ -154,15 +154,15 @@ def test_places_are_in_metres_where_a_track_says_them_and_else_in_seconds():
 def browser(tmp_path_factory):
     if program() is None:
         pytest.skip("no Chromium is installed: apt-get install chromium")
-    with open_browser(tmp_path_factory.mktemp("profile")) as found:
-        yield found
+    with open_browser(tmp_path_factory.mktemp("profile")) as opened:
+        yield opened
 
 
 def colours(browser):
     """Return the brightness of paper and ink, from 0 to 1."""
     style = "getComputedStyle(document.body)"
-    found = [browser.value(f"{style}.{name}") for name in ("backgroundColor", "color")]
-    return [sum(map(int, re.findall(r"\d+", text)[:3])) / 765 for text in found]
+    shown = [browser.value(f"{style}.{name}") for name in ("backgroundColor", "color")]
+    return [sum(map(int, re.findall(r"\d+", text)[:3])) / 765 for text in shown]
 
 
 @pytest.mark.parametrize("dark", [False, True])

@@ -41,12 +41,12 @@ def test_building_and_matching_give_what_the_commands_write(drive, tmp_path):  #
     made = ReferenceMap.build(drive / "reference.npz", written.settings)
     assert made == written
 
-    found = made.match(drive / "query.npz")
+    result = made.match(drive / "query.npz")
     flags = [str(drive / "map.npz"), str(drive / "query.npz"), "--no-figures"]
     assert main(["match", *flags, "-o", str(tmp_path / "windows")]) == 0
     again = MatchResult.load(tmp_path / "windows")
-    assert (again.matches, again.queries, again.reference) == (found.matches, found.queries, made)
-    found.save(tmp_path / "saved")
+    assert (again.matches, again.queries, again.reference) == (result.matches, result.queries, made)
+    result.save(tmp_path / "saved")
     names = {file.name for file in (tmp_path / "windows").iterdir()} - {"report.html"}
     assert {file.name for file in (tmp_path / "saved").iterdir()} == names
     assert (tmp_path / "saved/matches.csv").read_bytes() == (
@@ -67,24 +67,24 @@ def test_building_and_matching_give_what_the_commands_write(drive, tmp_path):  #
 
     truth = tmp_path / "truth.csv"
     truth.write_text("query_s,reference_s\n0,0\n1000,1000\n")
-    times = (made.places.centre_us, found.queries.centre_us)
-    known = TruthFiles((str(truth),), tolerance=0.3)(*times)
+    times = (made.places.centre_us, result.queries.centre_us)
+    truth_of_files = TruthFiles((str(truth),), tolerance=0.3)(*times)
     truth.write_text("query_frame,reference_frame\n0,0\n9000,9000\n")
     of = TruthFiles((str(truth),), tolerance=0.3, frame_period="1/9", in_seconds=True)(*times)
     assert (of.error_unit, of.positions.tolerance) == ("s", 0.3)
-    assert np.array_equal(of.correct, known.correct)
-    learnt = calibrate(made, found.matches, known)
-    assert 0 < learnt.matches <= len(found.matches) and 0 <= learnt.correct <= learnt.matches
+    assert np.array_equal(of.correct, truth_of_files.correct)
+    learnt = calibrate(made, result.matches, truth_of_files)
+    assert 0 < learnt.matches <= len(result.matches) and 0 <= learnt.correct <= learnt.matches
     assert learnt.reference.confidence == learnt.confidence
 
 
 def test_a_recording_is_summed_up_as_info_says(drive, capsys):  # noqa: F811
     """The record's fields are those of `--json`."""
     path = drive / "query.npz"
-    found = summarise(open_recording(path))
+    summary = summarise(open_recording(path))
     assert main(["info", str(path), "--json"]) == 0
-    assert json.loads(capsys.readouterr().out) == to_json(found)
-    assert found.events_per_s == found.events * 1e6 / found.duration_us
+    assert json.loads(capsys.readouterr().out) == to_json(summary)
+    assert summary.events_per_s == summary.events * 1e6 / summary.duration_us
 
 
 def test_times_are_without_compilation(drive, monkeypatch):  # noqa: F811

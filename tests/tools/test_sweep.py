@@ -611,8 +611,8 @@ def test_the_interval_of_a_bootstrap_holds_the_mean_of_most_samples(monkeypatch)
     rng = np.random.default_rng(1)
     held = 0
     for _ in range(60):
-        found = comparison.bootstrap(list(rng.normal(0.3, 1.0, (25, 1))))
-        held += found.low <= 0.3 <= found.high
+        between = comparison.bootstrap(list(rng.normal(0.3, 1.0, (25, 1))))
+        held += between.low <= 0.3 <= between.high
     assert 50 <= held < 60
     # four drives, or four seeds of one, are too few
     for few in ([np.array([0.1, 0.2])] * 4, [np.array([0.1, 0.2, 0.3, 0.4])]):
@@ -694,10 +694,10 @@ def test_a_sweep_judges_by_several_tolerances_and_matches_once(plan_file, tmp_pa
                     )
     assert rows[1].mean("recall_at_1") > rows[0].mean("recall_at_1")
     assert rows[0].mean("recall_at_10") > rows[0].mean("recall_at_1")
-    found = comparison.averages(rows, "recall_at_5")
-    assert [one.tolerance for one in found] == ["0.2 s", "0.35 s"] * 3
+    averages = comparison.averages(rows, "recall_at_5")
+    assert [one.tolerance for one in averages] == ["0.2 s", "0.35 s"] * 3
     # a variant is compared with the first one by the same tolerance
-    assert [one.difference is None for one in found] == [True, True, False, False, False, False]
+    assert [one.difference is None for one in averages] == [True, True, False, False, False, False]
     write_comparison(tmp_path, rows, ["svg"], "recall_at_5", over="pixels")
     assert "tolerance" in (tmp_path / "compare.tex").read_text()
 

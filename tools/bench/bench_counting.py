@@ -70,8 +70,8 @@ def look_up(table, x, y):
 WORKS = {
     "count 20 M events in columns": (
         (OURS, lambda d: ours(d, d.x, d.y), {}),
-        ("NumPy look-up + bincount", by_numpy, {"rounds": 5, "asked": 8}),
-        ("tonic to_frame_numpy", by_tonic, {"rounds": 3, "asked": 60}),
+        ("NumPy look-up + bincount", by_numpy, {"rounds": 5, "target": 8}),
+        ("tonic to_frame_numpy", by_tonic, {"rounds": 3, "target": 60}),
         ("one look-up an event", lambda d: lambda: look_up(d.table, d.x, d.y), {"limit": True}),
     ),
 }

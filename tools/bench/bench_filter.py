@@ -47,19 +47,19 @@ def by_numpy():
 
     def run():
         distances = distance_matrix(places, queries).T + bias
-        prediction, reciprocal, found = np.zeros(PLACES, dtype=np.int64), 0, []
+        prediction, reciprocal, best = np.zeros(PLACES, dtype=np.int64), 0, []
         for row in distances:
             own = 2**16 // max(int(np.abs(row - row.sum() // PLACES).sum()) // PLACES, 1)
             scaled = ((row - row.min()) * (reciprocal or own)) >> 14
             metric = np.minimum(prediction + np.minimum(scaled, 255), METRIC_TOP)
-            found.append(int(metric.argmin()))
+            best.append(int(metric.argmin()))
             least, reciprocal = metric.min(), own
             prediction = np.full(PLACES, least + (ONE_GAIN.filter_restart << FRACTION_BITS))
             for step, cost in enumerate(costs):
                 moved = prediction[step:]
                 np.minimum(moved, metric[: PLACES - step] + cost, out=moved)
             prediction -= least
-        return np.array(found)
+        return np.array(best)
 
     return run
 

@@ -83,11 +83,11 @@ def bench_event_by_event(race, places, what, every):
 @pytest.mark.parametrize("what", ["best place after each", "match with runner-up after each"])
 def bench_recomputing(race, places, what):
     """Race the peer: all distances anew after each event, with this project's own kernel."""
-    asked = 40 if len(places.reference) == 1_000 and what.startswith("best") else None
+    target = 40 if len(places.reference) == 1_000 and what.startswith("best") else None
     expected = _recomputed(places)
     timed(
         race, places, what, "all distances anew", lambda: _recomputed(places), expected,
-        rounds=1, asked=asked,
+        rounds=1, target=target,
     )  # fmt: skip
 
 
@@ -104,7 +104,7 @@ def bench_reading(race, places):
         lambda: _read(columns, sums, events),
         None,
         limit=True,
-        asked=0.6 if sums.size == 100_000 else None,
+        target=0.6 if sums.size == 100_000 else None,
     )
 
 
@@ -133,7 +133,7 @@ def bench_unselected_counted(race, unselected):
         lambda: count_events(table, events.x, events.y, counts),
         0,
         limit=True,
-        asked=round(1 / 1.3, 2),
+        target=round(1 / 1.3, 2),
     )
 
 

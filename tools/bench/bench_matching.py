@@ -112,10 +112,10 @@ FIELDS = {
     bench_matrix: (
         (OURS, lambda r, q: lambda: distance_matrix(r, q), {"rounds": 100}),
         ("OpenCV batchDistance, nearest only", by_opencv, {}),
-        ("faiss pairwise_distances L1", by_faiss, {"asked": 5}),
-        ("faiss IndexFlat, nearest only", by_faiss_index, {"asked": 5}),
-        ("scipy cdist cityblock", by_scipy, {"asked": 18}),
-        ("torch.cdist p=1", by_torch, {"asked": 28}),
+        ("faiss pairwise_distances L1", by_faiss, {"target": 5}),
+        ("faiss IndexFlat, nearest only", by_faiss_index, {"target": 5}),
+        ("scipy cdist cityblock", by_scipy, {"target": 18}),
+        ("torch.cdist p=1", by_torch, {"target": 28}),
         ("NumPy", by_numpy, {"rounds": 5}),
         (
             "reading all queries for each place",
@@ -126,9 +126,9 @@ FIELDS = {
     bench_single_query: (
         (OURS, one_by_one, {"rounds": 500}),
         ("OpenCV batchDistance, nearest only", by_opencv, {"rounds": 100}),
-        ("faiss pairwise_distances L1", by_faiss, {"rounds": 100, "asked": 5}),
-        ("faiss IndexFlat, nearest only", by_faiss_index, {"rounds": 100, "asked": 5}),
-        ("torch.cdist p=1", by_torch, {"rounds": 100, "asked": 20}),
+        ("faiss pairwise_distances L1", by_faiss, {"rounds": 100, "target": 5}),
+        ("faiss IndexFlat, nearest only", by_faiss_index, {"rounds": 100, "target": 5}),
+        ("torch.cdist p=1", by_torch, {"rounds": 100, "target": 20}),
         ("NumPy", by_numpy, {"rounds": 50}),
         ("reading all places", lambda r, q: reading(len(r), 1), {"limit": True, "rounds": 500}),
     ),
@@ -145,8 +145,8 @@ def pytest_generate_tests(metafunc):
     ("library", "pixels", "make", "how"),
     [
         (OURS, J, one_by_one, {"rounds": 500}),
-        ("edge-vpr with all 89,960 pixels", ALL_PIXELS, one_by_one, {"asked": 600}),
-        ("NumPy with all 89,960 pixels", ALL_PIXELS, by_numpy, {"rounds": 5, "asked": 600}),
+        ("edge-vpr with all 89,960 pixels", ALL_PIXELS, one_by_one, {"target": 600}),
+        ("NumPy with all 89,960 pixels", ALL_PIXELS, by_numpy, {"rounds": 5, "target": 600}),
     ],
 )
 def bench_sparse(race, library, pixels, make, how):

@@ -121,8 +121,8 @@ def _played(
             written[number] = time.perf_counter()
         while left:
             left = left[os.write(line, left) :]
-    asked = range(WARM * FRAMES, len(sent) - FRAMES, FRAMES)
-    return np.array([1e6 * (read_s[n * FRAME_US] - written[n]) for n in asked])
+    timed = range(WARM * FRAMES, len(sent) - FRAMES, FRAMES)
+    return np.array([1e6 * (read_s[n * FRAME_US] - written[n]) for n in timed])
 
 
 def feed(rate: float, number: int, *, pause_us: float = 0.0) -> npt.NDArray[np.float64]:

@@ -29,18 +29,18 @@ def pytest_addoption(parser):
 def race(benchmark) -> Race:
     """Time one contestant of a work.
 
-    ``race(work, library, run, expected, rounds=20, asked=None, limit=False)``: `run` returns the
-    result, which must equal `expected` (None: it has none that could be compared). `asked` is the
+    ``race(work, library, run, expected, rounds=20, target=None, limit=False)``: `run` returns the
+    result, which must equal `expected` (None: it has none that could be compared). `target` is the
     ratio to this contestant that the project set itself. A limit is not a peer that does the same
     work, but what the work cannot do without, such as reading its input once.
     """
 
-    def time(work, library, run, expected, *, rounds=20, asked=None, limit=False):
+    def time(work, library, run, expected, *, rounds=20, target=None, limit=False):
         result = run()
         if expected is not None:
             np.testing.assert_array_equal(np.asarray(result).astype(np.int64), expected)
         benchmark.group = work
-        benchmark.extra_info |= {"library": library, "asked": asked, "limit": limit}
+        benchmark.extra_info |= {"library": library, "target": target, "limit": limit}
         benchmark.pedantic(run, rounds=rounds, iterations=1, warmup_rounds=1)
 
     return time
@@ -54,7 +54,7 @@ def pytest_terminal_summary(terminalreporter, config):
             bench.extra_info["library"],
             bench.stats.min,
             bench.stats.median,
-            bench.extra_info["asked"],
+            bench.extra_info["target"],
             bench.extra_info["limit"],
             bench.extra_info.get("note", ""),
         )

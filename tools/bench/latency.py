@@ -49,10 +49,10 @@ def row(name: str, reference: ReferenceMap, events: Events, chunk: int) -> tuple
     start = time.perf_counter()
     for first in range(warm, stop, chunk):
         arrived = time.perf_counter_ns()
-        found = localiser.update(events[first : first + chunk])
-        if found.size:
+        rows = localiser.update(events[first : first + chunk])
+        if rows.size:
             waited.append(time.perf_counter_ns() - arrived)
-            matches += found.size
+            matches += rows.size
     took = time.perf_counter() - start
     gc.enable()
     p50, p99, worst = np.percentile(waited, [50, 99, 100]) / 1e3

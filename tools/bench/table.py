@@ -25,7 +25,7 @@ class Entry(NamedTuple):
     library: str
     least: float
     median: float
-    asked: float | None
+    target: float | None
     limit: bool
     note: str = ""
 
@@ -38,20 +38,20 @@ def rows(entries: Iterable[Entry]) -> list[tuple[str, ...]]:
 
     A peer's ratio says how many times faster edge-vpr is; a limit's, which share of it is reached.
     """
-    entries, found = list(entries), []
+    entries, table = list(entries), []
     for work in dict.fromkeys(entry.work for entry in entries):
         ours = next((e for e in entries if e.work == work and e.library == OURS), None)
         for entry in (e for e in entries if e.work == work):
             ratio = _ratio(ours, entry)
-            target = "" if entry.asked is None else f"{entry.asked:g}"
-            if ratio is not None and entry.asked is not None and ratio < entry.asked:
+            target = "" if entry.target is None else f"{entry.target:g}"
+            if ratio is not None and entry.target is not None and ratio < entry.target:
                 target += " (missed)"
             against = ""
             if ratio is not None:
                 against = f"{ratio:.2f} of it" if entry.limit else f"{ratio:.1f} x"
             times = _seconds(entry.least), _seconds(entry.median)
-            found.append((work, entry.library, *times, against, target, entry.note))
-    return found
+            table.append((work, entry.library, *times, against, target, entry.note))
+    return table
 
 
 def write_csv(path: Path, entries: Iterable[Entry]) -> None:
@@ -67,13 +67,13 @@ def machine() -> str:
 
 def versions() -> str:
     """Return the versions of Python and of the libraries that took part."""
-    found = [f"Python {platform.python_version()}"]
+    names = [f"Python {platform.python_version()}"]
     for library in _LIBRARIES:
         try:
-            found.append(f"{library} {metadata.version(library)}")
+            names.append(f"{library} {metadata.version(library)}")
         except metadata.PackageNotFoundError:
             continue
-    return ", ".join(found)
+    return ", ".join(names)
 
 
 def _ratio(ours: Entry | None, entry: Entry) -> float | None:

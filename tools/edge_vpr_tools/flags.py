@@ -162,7 +162,7 @@ def map_settings(args: argparse.Namespace) -> Settings:
     return settings
 
 
-def given_map_flags(args: argparse.Namespace) -> list[str]:
+def map_flags(args: argparse.Namespace) -> list[str]:
     """Return the given flags that belong to making a map and not to matching; no ``--preset``."""
     decide = [field for field in SETTING_FIELDS.values() if field.group != _MATCHING_GROUP]
     flags = ["--config"] if args.config is not None else []
@@ -197,7 +197,7 @@ def with_match_flags(
     _warn_of_no_effect(args, changed, _of_group(_MATCHING_GROUP))
     if args.stays_on_map and changed.matching == "filter" and changed.smooth:
         warning("--stays-on-map is for live matches: add --no-smooth")
-    reference.check_asked(changed)
+    reference.check_table(changed)
     return reference.matched_with(changed)
 
 

@@ -187,11 +187,11 @@ def row_of(match: Match, coordinates: Sequence[str] = ()) -> str:
         if name in ("time_us", "start_us"):
             row[f"{name[:-3]}_s"] = value / 1e6
         elif name in coordinates or name not in _UNSHOWN:
-            row[name] = _known(name, value)
+            row[name] = _rounded(name, value)
     return json.dumps(row)
 
 
-def _known(name: str, value: float | None) -> float | None:
+def _rounded(name: str, value: float | None) -> float | None:
     """Return a value of a row, rounded; None if it is not known."""
     if value is None or value != value:
         return None
@@ -206,7 +206,7 @@ def route_row(reference: ReferenceMap) -> dict[str, Any]:
     if locator.route_m is not None:
         places = [locator.locate(place) for place in range(len(reference))]
         for name in (*locator.names, "along_m", "heading_deg"):
-            row[name] = [_known(name, place[name]) for place in places]
+            row[name] = [_rounded(name, place[name]) for place in places]
     return row
 
 

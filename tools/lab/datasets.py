@@ -342,7 +342,7 @@ def published_pairs(folder: Path, files: tuple[Files, ...] = KINDS) -> Iterator[
     GroundTruthError
         If the GPS log of a recording is missing or cannot be read.
     """
-    for title, traverses in found_traverses(folder, files).items():
+    for title, traverses in traverses_in(folder, files).items():
         for traverse, path in traverses[1:]:
             reference, query = open_drive(*traverses[0]), open_drive(traverse, path)
             yield PublishedPair(
@@ -353,7 +353,7 @@ def published_pairs(folder: Path, files: tuple[Files, ...] = KINDS) -> Iterator[
             )
 
 
-def found_traverses(
+def traverses_in(
     folder: Path, files: tuple[Files, ...] = KINDS
 ) -> dict[str, list[tuple[Traverse, Path]]]:
     """Return the traverses whose recordings are in a folder, in order, by their data set.

@@ -29,8 +29,8 @@ from lab.datasets import (
     DATA_SETS,
     STAND_INS,
     Download,
-    found_traverses,
     published_pairs,
+    traverses_in,
 )
 from lab.loop import Drives
 from lab.pairs import (
@@ -113,7 +113,7 @@ def check_data(data: Path | None) -> None:
     if data is not None:
         if any((data / folder).is_dir() for folder in _STAND_INS):
             return
-        if any(len(traverses) > 1 for traverses in found_traverses(data).values()):
+        if any(len(traverses) > 1 for traverses in traverses_in(data).values()):
             return
     raise UsageError(without_pairs(data))
 
@@ -126,7 +126,7 @@ def check_logs(data: Path) -> None:
     GroundTruthError
         If those of one are missing or cannot be read.
     """
-    for traverses in found_traverses(data).values():
+    for traverses in traverses_in(data).values():
         for traverse, path in traverses:
             if len(traverses) > 1:
                 traverse.origin(path.parent, 0)
@@ -151,7 +151,7 @@ def without_pairs(data: Path | None, folders: Collection[str] = tuple(STAND_INS)
     where = "no folder was given with --data" if data is None else f"{data} holds no pair"
     lone = [] if data is None else [
         f"{title} {traverses[0][0].name}"
-        for title, traverses in found_traverses(data).items()
+        for title, traverses in traverses_in(data).items()
         if len(traverses) == 1
     ]  # fmt: skip
     alone = f", only {' and '.join(lone)}" if lone else ""

@@ -50,7 +50,7 @@ def constant_speed(truth: GroundTruth) -> float:
     """Return the share of windows with known truth that a constant speed matches correctly."""
     places, windows = truth.correct.shape
     along = np.rint(np.arange(windows) * (places - 1) / max(windows - 1, 1)).astype(np.int64)
-    return float(truth.correct[along, np.arange(windows)][truth.known].mean())
+    return float(truth.correct[along, np.arange(windows)][truth.has_truth].mean())
 
 
 def null_rows(

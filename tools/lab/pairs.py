@@ -78,11 +78,11 @@ def inner_windows(truth: GroundTruth, longest: int) -> GroundTruth:
     longest : int
         Windows of the longest sequence.
     """
-    inner = truth.known.copy()
+    inner = truth.has_truth.copy()
     before = middle_window(longest)
     inner[:before] = False
     inner[len(inner) - (longest - 1 - before) :] = False
-    return replace(truth, correct=truth.correct & inner, known=inner)
+    return replace(truth, correct=truth.correct & inner, has_truth=inner)
 
 
 def inner_share(matches: Matches, truth: GroundTruth, longest: int) -> float:

@@ -51,7 +51,7 @@ class _Traverses(Dataset):  # type: ignore[misc]  # tonic has no types
     dtype = EVENT_DTYPE
     ordering = EVENT_DTYPE.names
 
-    _known: tuple[Traverse, ...]
+    _traverses: tuple[Traverse, ...]
 
     def __init__(
         self,
@@ -71,9 +71,9 @@ class _Traverses(Dataset):  # type: ignore[misc]  # tonic has no types
         if files not in KINDS:
             raise UsageError(f"files={files!r} is unknown: use {' or '.join(KINDS)}")
         self._on_fault = on_fault
-        by_name = {traverse.name: traverse for traverse in self._known}
+        by_name = {traverse.name: traverse for traverse in self._traverses}
         paths = {name: folder / traverse.file_name(files) for name, traverse in by_name.items()}
-        page = self._known[0].pages[files]
+        page = self._traverses[0].pages[files]
         for name in traverses or ():
             if name not in by_name:
                 raise UsageError(f"traverse {name!r} is unknown: choose from {', '.join(by_name)}")
@@ -85,7 +85,7 @@ class _Traverses(Dataset):  # type: ignore[misc]  # tonic has no types
             traverses = [name for name, path in paths.items() if path.is_file()]
         if not traverses:
             raise RecordingError(
-                f"{folder} holds no recording such as {paths[self._known[0].name].name}: "
+                f"{folder} holds no recording such as {paths[self._traverses[0].name].name}: "
                 f"download one or more from {page}, or name another folder"
             )
         self.traverses = tuple(traverses)
@@ -163,7 +163,7 @@ class BrisbaneEventVPR(_Traverses):
         events, target = BrisbaneEventVPR("downloads", ["sunset1"])[0]
     """
 
-    _known = BRISBANE_TRAVERSES
+    _traverses = BRISBANE_TRAVERSES
 
 
 class QCREventVPR(_Traverses):
@@ -183,4 +183,4 @@ class QCREventVPR(_Traverses):
         If a recording is missing.
     """
 
-    _known = QCR_TRAVERSES
+    _traverses = QCR_TRAVERSES

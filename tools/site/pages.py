@@ -169,10 +169,10 @@ def on_page_markdown(markdown: str, *, page: Page, config: MkDocsConfig, files: 
     folder = posixpath.dirname(OF_ROOT.get(here, f"docs/{here}"))
     sites = {source: name for name, source in OF_ROOT.items()}
 
-    def led(found: re.Match[str]) -> str:
-        text, target, after = found.groups()
+    def led(link: re.Match[str]) -> str:
+        text, target, after = link.groups()
         if "://" in target or target.startswith("mailto:"):
-            return found[0]
+            return link[0]
         path = posixpath.normpath(posixpath.join(folder, target))
         if path in sites:
             inside = sites[path]

@@ -35,8 +35,8 @@ def table() -> str:
 def _defaults(field: SettingField) -> str:
     """Return the default, with the values of other presets in brackets."""
     default = _word(field, "default")
-    found = {name: _word(field, name) for name in PRESETS}
-    others = [f"{name}: {word}" for name, word in found.items() if word != default]
+    words = {name: _word(field, name) for name in PRESETS}
+    others = [f"{name}: {word}" for name, word in words.items() if word != default]
     return default + (f" ({', '.join(others)})" if others else "")
 
 

@@ -44,9 +44,9 @@ def rerun(text: str, folder: Path) -> str:
         Where the commands run, one after the other.
     """
 
-    def again(found: re.Match[str]) -> str:
+    def again(block: re.Match[str]) -> str:
         shown = []
-        for line, _ in commands(found[1]):
+        for line, _ in commands(block[1]):
             run = subprocess.run(
                 line, shell=True, cwd=folder, text=True, check=True,
                 stdout=subprocess.PIPE, stderr=subprocess.STDOUT,
@@ -55,12 +55,12 @@ def rerun(text: str, folder: Path) -> str:
             shown += [f"$ {line}", *kept]
         return "\n".join(["```console", *shown, "```"])
 
-    def program(found: re.Match[str]) -> str:
+    def program(block: re.Match[str]) -> str:
         run = subprocess.run(
-            [sys.executable, "-c", found[2]],
+            [sys.executable, "-c", block[2]],
             cwd=folder, text=True, check=True, stdout=subprocess.PIPE,
         )  # fmt: skip
-        return f"{found[1]}```\n{run.stdout}```"
+        return f"{block[1]}```\n{run.stdout}```"
 
     return _PYTHON.sub(program, _CONSOLE.sub(again, text))
 

@@ -202,11 +202,11 @@ class OptionReader:
 
     def __init__(self, protocol: str, options: dict[str, str]) -> None:
         self._protocol, self._left = protocol, options
-        self._known: list[str] = []
+        self._names: list[str] = []
 
     def choice(self, name: str, allowed: tuple[str, ...]) -> str:
         """Read one of `allowed`; the first one if the option is absent."""
-        self._known.append(name)
+        self._names.append(name)
         value = self._left.pop(name, allowed[0])
         if value not in allowed:
             raise UsageError(
@@ -216,7 +216,7 @@ class OptionReader:
 
     def text(self, name: str) -> str | None:
         """Read any text; None if the option is absent."""
-        self._known.append(name)
+        self._names.append(name)
         return self._left.pop(name, None)
 
     def integer(self, name: str, default: int, low: int, high: int) -> int:
@@ -231,9 +231,9 @@ class OptionReader:
     def done(self) -> None:
         """Raise UsageError for options that were not read."""
         if self._left:
-            known = ", ".join(self._known) or "none"
+            names = ", ".join(self._names) or "none"
             raise UsageError(
-                f"{self._protocol} has no option {', '.join(self._left)}: it has {known}"
+                f"{self._protocol} has no option {', '.join(self._left)}: it has {names}"
             )
 
 

@@ -85,16 +85,16 @@ class StepDecoder(Decoder):
                 starts = raw.size - at - (0 if final else (SEARCH_WORDS + 1) * _LONGEST)
                 if starts <= 0:
                     break
-                skip, found = _search_steps(raw[at:], self._sync, SEARCH_WORDS, starts)
+                skip, synced = _search_steps(raw[at:], self._sync, SEARCH_WORDS, starts)
                 self.health.skipped_bytes += skip
                 at += skip
-                if not found:
+                if not synced:
                     continue
                 self._searching = False
-            used, n_found, self._now, out_of_sync = _take_steps(
+            used, n_events, self._now, out_of_sync = _take_steps(
                 raw[at:], self._sync, self._now, t[count:], x[count:], y[count:], p[count:]
             )
-            at, count = at + used, count + n_found
+            at, count = at + used, count + n_events
             if not out_of_sync:
                 break
             self.health.resyncs += 1

@@ -206,7 +206,7 @@ def _decode_frames(kernel_state, clock, data):  # type: ignore[no-untyped-def]
     """
     buffers, raw = FrameBuffers(*kernel_state.value), np.frombuffer(data, dtype=np.uint8)
     buffers.counts.view(np.int64)[:] = 0
-    n, start, end, found = 0, 0, 0, buffers.counts[0]
+    n, start, end, totals = 0, 0, 0, buffers.counts[0]
     t, x, y, p = buffers.columns
     most = raw.size // 3 + 1  # with one that is held
     t_out, x_out = np.empty(most, np.int64), np.empty(most, np.uint16)
@@ -216,19 +216,19 @@ def _decode_frames(kernel_state, clock, data):  # type: ignore[no-untyped-def]
             continue
         if i > start:
             size = unstuff(raw[start:i], buffers.plain) if i - start <= MAX_STUFFED else -1
-            frames, resets = found["frames"], found["resets"]
+            frames, resets = totals["frames"], totals["resets"]
             events = _take_frame(buffers, size - _CHECK_BYTES, i - start + 1)
             # the clock takes one frame after the other, so that it is the same for any chunks
-            if found["frames"] > frames:
-                start_clock(clock, found["base"])
-                if found["resets"] > resets:
-                    restart_clock(clock, found["base"])
+            if totals["frames"] > frames:
+                start_clock(clock, totals["base"])
+                if totals["resets"] > resets:
+                    restart_clock(clock, totals["base"])
                 end += admit_columns(
                     clock, t[:events], x[:events], y[:events], p[:events],
                     t_out[end:], x_out[end:], y_out[end:], p_out[end:],
                 )  # fmt: skip
-                if found["idle"]:
-                    reach(clock, found["base"])
+                if totals["idle"]:
+                    reach(clock, totals["base"])
             n += events
         start = i + 1
     return t_out[:end], x_out[:end], y_out[:end], p_out[:end], n
@@ -249,7 +249,7 @@ def _take_frame(buffers, end, taken):  # type: ignore[no-untyped-def]
     The frame took `taken` bytes on the line. Its events are in the columns, and counted.
     """
     plain, columns, state, counts = buffers
-    last, found = state[0], counts[0]
+    last, totals = state[0], counts[0]
     width, x_bits, y_bits = (
         np.int64(plain[0] & 15),
         np.int64(plain[1] & 15),
@@ -265,8 +265,8 @@ def _take_frame(buffers, end, taken):  # type: ignore[no-untyped-def]
         or x_bits + y_bits + 2 > 8 * width
         or plain[19] >= 64  # base time of 2^62 or more
     ):
-        found["damaged"] += 1
-        found["skipped_bytes"] += taken
+        totals["damaged"] += 1
+        totals["skipped_bytes"] += taken
         return 0
     boot, sequence = _number(plain, 2, 2), _number(plain, 4, 4)
     dropped, base = _number(plain, 8, 4), _number(plain, 12, 8)
@@ -276,18 +276,18 @@ def _take_frame(buffers, end, taken):  # type: ignore[no-untyped-def]
         last["next"], last["dropped"], missing = sequence, dropped, 0
     elif boot != last["boot"] or missing >= 1 << 31:
         if boot == last["boot"] and 0 <= last["last"] - base < REPEAT_US:
-            found["repeats"] += 1
-            found["skipped_bytes"] += taken
+            totals["repeats"] += 1
+            totals["skipped_bytes"] += taken
             return 0
         # a new run of the device, even if it did not change its boot number
-        found["resets"] += 1
+        totals["resets"] += 1
         last["next"], last["dropped"], missing = 0, 0, sequence
-    found["narrow"] += x_bits < last["x_bits"] or y_bits < last["y_bits"]
-    found["gaps"] += missing > 0
-    found["lost"] += missing
-    found["dropped"] += (dropped - last["dropped"]) & 0xFFFFFFFF
-    found["frames"] += 1
-    found["base"], found["idle"] = base, words == 0
+    totals["narrow"] += x_bits < last["x_bits"] or y_bits < last["y_bits"]
+    totals["gaps"] += missing > 0
+    totals["lost"] += missing
+    totals["dropped"] += (dropped - last["dropped"]) & 0xFFFFFFFF
+    totals["frames"] += 1
+    totals["base"], totals["idle"] = base, words == 0
     form = width, x_bits, y_bits
     events = _take_words(plain[_HEADER_BYTES:end], form, base, columns)
     last["boot"], last["dropped"], last["last"] = boot, dropped, base

@@ -127,9 +127,9 @@ class Health:
             if (count := getattr(self, name))
         ]
         rejected = f"; of those that came, left out: {', '.join(came)}" if came else ""
-        return self._known_losses() + rejected + until
+        return self._lost_events() + rejected + until
 
-    def _known_losses(self) -> str:
+    def _lost_events(self) -> str:
         dropped = f", {self.device_dropped:,} dropped by the device" if self.device_dropped else ""
         restarts = "at least " if self.device_resets else ""
         before = " before the link was lost" if self.cut_off else ""

@@ -68,7 +68,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_json_flag(answers, "all results, with low and high")
 
 
-class Asked(NamedTuple):
+class Workload(NamedTuple):
     """A design, its mission, and the source of the mission's rate of events."""
 
     design: Design
@@ -76,7 +76,7 @@ class Asked(NamedTuple):
     rate_is: str
 
 
-def asked_for(args: argparse.Namespace) -> Asked:
+def workload_of(args: argparse.Namespace) -> Workload:
     """Build the design and the mission from the flags, a file or a map.
 
     ``--places`` overrides the number of the map or the file.
@@ -117,7 +117,7 @@ def asked_for(args: argparse.Namespace) -> Asked:
         share = design.pixels / (design.width * design.height)
     by_count = design.window == "count"
     matches = rate * share / design.window_events if by_count else 1e6 / design.tau_us
-    return Asked(design, Mission(rate, share, matches), rate_is)
+    return Workload(design, Mission(rate, share, matches), rate_is)
 
 
 def _of_flags(args: argparse.Namespace) -> Design:
@@ -157,7 +157,7 @@ def run(args: argparse.Namespace) -> None:
             "and power"
         )
     try:
-        design, mission, rate_is = asked_for(args)
+        design, mission, rate_is = workload_of(args)
     except DesignError as error:
         raise UsageError(str(error)) from error
     values = {"schema": 6, "mission": mission}

@@ -85,11 +85,11 @@ def run(args: argparse.Namespace) -> None:
         )
     if verdict.missing and args.case is None and args.port is None:
         raise EdgeVprError(
-            f"{source}: {verdict.cases} of {verdict.known} cases are equal, and "
+            f"{source}: {verdict.cases} of {verdict.total} cases are equal, and "
             f"{len(verdict.missing)} were not verified, such as {verdict.missing[0]}: return "
             "them too, or name the only one with --case"
         )
-    summary(f"{source}: {verdict.cases} of {verdict.known} cases, equal records: {compared}")
+    summary(f"{source}: {verdict.cases} of {verdict.total} cases, equal records: {compared}")
     if returned.too_large:
         note(_too_large(returned))
 

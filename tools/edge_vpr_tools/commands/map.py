@@ -27,7 +27,7 @@ from edge_vpr_tools.flags import (
     add_reading_arguments,
     add_track_offset_flag,
     add_window_argument,
-    given_map_flags,
+    map_flags,
     map_settings,
     match_flags,
 )
@@ -328,7 +328,7 @@ def _hot_pixel_file(args: argparse.Namespace) -> str | None:
 
 def _check_flags_of_a_map(args: argparse.Namespace) -> None:
     """Raise UsageError where a map learns, and a flag is given that only making one takes."""
-    flags = given_map_flags(args) + list(match_flags(args))
+    flags = map_flags(args) + list(match_flags(args))
     files = {"odometry": args.odometry, "pixel-map": args.pixel_map}
     flags += [f"--{name}" for name, file in files.items() if file is not None]
     if flags:

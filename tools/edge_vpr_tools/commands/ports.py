@@ -28,7 +28,7 @@ _USB_IDS = "usb.ids"  # http://www.linux-usb.org/usb.ids, as in systemd's hwdb
 _OPENMV = "github.com/openmv/openmv, boards/"
 
 
-class Known(NamedTuple):
+class Device(NamedTuple):
     """Meaning of a USB vendor's and product's numbers."""
 
     vendor: int
@@ -39,29 +39,30 @@ class Known(NamedTuple):
     source: str  #: Document that assigns these numbers; that a camera uses the chip is a guess.
 
 
-KNOWN = (
-    Known(0x37C5, 0x1206, "OpenMV N6, which takes a GENX320; see examples/openmv", "evpr", 921_600,
-          f"{_OPENMV}OPENMV_N6/omv_boardconfig.mk"),
-    Known(0x37C5, 0x16E3, "OpenMV AE3", "evpr", 921_600,
-          f"{_OPENMV}OPENMV_AE3/omv_boardconfig.mk"),
-    Known(0x37C5, None, "OpenMV camera", "evpr", 921_600, f"{_OPENMV}: every board's vendor"),
-    Known(0x1209, 0xABD1, "OpenMV camera", "evpr", 921_600, _USB_IDS),
+DEVICES = (
+    Device(0x37C5, 0x1206, "OpenMV N6, which takes a GENX320; see examples/openmv", "evpr",
+           921_600, f"{_OPENMV}OPENMV_N6/omv_boardconfig.mk"),
+    Device(0x37C5, 0x16E3, "OpenMV AE3", "evpr", 921_600,
+           f"{_OPENMV}OPENMV_AE3/omv_boardconfig.mk"),
+    Device(0x37C5, None, "OpenMV camera", "evpr", 921_600, f"{_OPENMV}: every board's vendor"),
+    Device(0x1209, 0xABD1, "OpenMV camera", "evpr", 921_600, _USB_IDS),
     # we found no document that states which of these chips an eDVS has; the first two support its
     # 12 Mbaud, the third only its older 2 Mbaud (FTDI's data sheets)
-    Known(0x0403, 0x6010, "FTDI dual bridge, perhaps an eDVS", "edvs", 12_000_000, _USB_IDS),
-    Known(0x0403, 0x6014, "FTDI bridge, perhaps an eDVS", "edvs", 12_000_000, _USB_IDS),
-    Known(0x0403, 0x6001, "FTDI bridge, perhaps an eDVS", "edvs", 2_000_000, _USB_IDS),
+    Device(0x0403, 0x6010, "FTDI dual bridge, perhaps an eDVS", "edvs", 12_000_000, _USB_IDS),
+    Device(0x0403, 0x6014, "FTDI bridge, perhaps an eDVS", "edvs", 12_000_000, _USB_IDS),
+    Device(0x0403, 0x6001, "FTDI bridge, perhaps an eDVS", "edvs", 2_000_000, _USB_IDS),
     # boards that are often used for bridges
-    Known(0x0483, 0x5740, "STM32 with USB, perhaps a bridge of your own", "evpr", None, _USB_IDS),
-    Known(0x0483, 0x374B, "ST-LINK/V2.1 of an STM32 board", "evpr", None, _USB_IDS),
-    Known(0x0483, 0x374E, "STLINK-V3 of an STM32 board", "evpr", None, _USB_IDS),
+    Device(0x0483, 0x5740, "STM32 with USB, perhaps a bridge of your own", "evpr", None, _USB_IDS),
+    Device(0x0483, 0x374B, "ST-LINK/V2.1 of an STM32 board", "evpr", None, _USB_IDS),
+    Device(0x0483, 0x374E, "STLINK-V3 of an STM32 board", "evpr", None, _USB_IDS),
 )  # fmt: skip
 
 
-def guess(vendor: int | None, product: int | None) -> Known | None:
+def guess(vendor: int | None, product: int | None) -> Device | None:
     """Return the entry for the numbers of a USB device, preferably of its exact product."""
     return next(
-        (row for row in KNOWN if row.vendor == vendor and row.product in (None, product)), None
+        (row for row in DEVICES if row.vendor == vendor and row.product in (None, product)),
+        None,
     )
 
 

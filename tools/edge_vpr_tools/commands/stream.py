@@ -22,7 +22,7 @@ from edge_vpr_tools.flags import (
     DEFAULT_PRESET,
     add_map_flags,
     add_protocol_flag,
-    given_map_flags,
+    map_flags,
     map_settings,
     with_match_flags,
 )
@@ -161,7 +161,7 @@ def check_arguments(args: argparse.Namespace) -> None:
         raise UsageError("--learn and -o MAP.npz belong together: give both, or neither")
     if args.sensor is None and args.map is None:
         raise UsageError("the size of the sensor is not known: pass --sensor WIDTHxHEIGHT or --map")
-    if not args.learn and (flags := given_map_flags(args)):
+    if not args.learn and (flags := map_flags(args)):
         raise UsageError(
             f"{flags[0]} belongs to making a map, and --map has one already: leave it out, or make "
             "a new map with --learn"
@@ -209,7 +209,7 @@ def _learnt_with(args: argparse.Namespace, reference: ReferenceMap | None) -> Se
     """Return the settings of the map to learn: those of the flags, or without any of the map."""
     if not args.learn:
         return None
-    if reference is None or args.preset != DEFAULT_PRESET or given_map_flags(args):
+    if reference is None or args.preset != DEFAULT_PRESET or map_flags(args):
         return map_settings(args)
     return reference.settings
 

@@ -89,7 +89,7 @@ def _factory(name: str) -> _Factory | None:
     return _Factory(make, more[0].upper() if more else None)
 
 
-def _known() -> dict[str, str | None]:
+def _arguments() -> dict[str, str | None]:
     """Return the argument of each baseline; those that fail are left out with a warning."""
     parameters = {}
     for name in _BASELINES.names():
@@ -113,7 +113,7 @@ def baseline_names() -> list[str]:
 
     Those whose import fails are left out with a warning.
     """
-    return [name for name, argument in _known().items() if argument is None]
+    return [name for name, argument in _arguments().items() if argument is None]
 
 
 def open_baseline(name: str, seed: int = 0) -> Baseline:
@@ -157,7 +157,9 @@ def _open(name: str, seed: int) -> Baseline:
     kind, _, argument = name.partition(":")
     factory = _factory(kind)
     if factory is None or (argument and factory.argument is None):
-        parameters = [one if takes is None else f"{one}:{takes}" for one, takes in _known().items()]
+        parameters = [
+            one if takes is None else f"{one}:{takes}" for one, takes in _arguments().items()
+        ]
         raise UsageError(
             f"baseline {name!r} is unknown{did_you_mean(name, baseline_names())}: choose one of "
             f"{', '.join(parameters)}"

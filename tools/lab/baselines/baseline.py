@@ -165,7 +165,7 @@ def filter_distances(
         Of the filter, `precision` among them.
     """
     settings = settings.replaced({"gains": 1}, "distances")
-    given = _GivenDistances(_whole(distances, _FILTER_BITS))
+    matrix = _GivenDistances(_whole(distances, _FILTER_BITS))
     # the only counter of a window says which column of the matrix it is
     of_places, of_queries = activity
     transitions = Transitions(
@@ -176,7 +176,7 @@ def filter_distances(
     place_filter = PlaceFilter(transitions, activity_of_drive(of_places), patience)
     accepted = Acceptance.of(settings)
     queries = _numbered(of_queries, query_us)
-    return match_by_filter(place_filter, cast(ReferenceIndex, given), queries, settings, accepted)
+    return match_by_filter(place_filter, cast(ReferenceIndex, matrix), queries, settings, accepted)
 
 
 class _GivenDistances:

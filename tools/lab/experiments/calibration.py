@@ -66,7 +66,7 @@ def without_places(pair: MappedPair, first: int, last: int) -> MappedPair:
     kept = np.ones(len(pair.reference), dtype=np.bool_)
     kept[first:last] = False
     reference = replace(pair.reference, places=pair.reference.places.take(kept))
-    truth = GroundTruth(pair.truth.correct[kept], pair.truth.known, "part of the map")
+    truth = GroundTruth(pair.truth.correct[kept], pair.truth.has_truth, "part of the map")
     return MappedPair(reference, pair.counted, truth)
 
 
@@ -92,7 +92,7 @@ def with_detour(pair: MappedPair, elsewhere: Descriptors, at: int, parts: int = 
     nowhere = np.zeros((len(pair.reference), more), dtype=np.bool_)
     truth = GroundTruth(
         np.concatenate([pair.truth.correct, nowhere], axis=1),
-        np.concatenate([pair.truth.known, np.ones(more, dtype=np.bool_)]),
+        np.concatenate([pair.truth.has_truth, np.ones(more, dtype=np.bool_)]),
         "with a detour",
     )
     joined = MappedPair(pair.reference, Descriptors(**columns), truth)
@@ -125,7 +125,7 @@ def spliced(pair: MappedPair, order: npt.NDArray[np.int64], parts: int = 1) -> S
         step = counted.window_us
         start = np.arange(len(counted), dtype=np.int64) * step
         counted = replace(counted, start_us=start, end_us=start + step)
-    truth = GroundTruth(pair.truth.correct[:, last], pair.truth.known[last], "spliced")
+    truth = GroundTruth(pair.truth.correct[:, last], pair.truth.has_truth[last], "spliced")
     return Spliced(pair.reference, counted, truth, changes)
 
 
@@ -405,7 +405,7 @@ _OF_MATCHES = (
 #: columns that name a row of the tables of this experiment and of `trust`
 NAMES = ("map", "matching", LEARNT_ON)
 #: windows between two starts in mid-route, and most windows after a start
-START_EVERY, GIVEN = 10, 120
+START_EVERY, MOST = 10, 120
 #: least number of windows from a start to the end of the drive
 _LEFT = 20
 
@@ -510,7 +510,7 @@ def first_matches(
 
     The time to the first correct match is the measure of Flash [1]_. Both times end with the window
     of the match, and their medians are over all starts: None, if fewer than half of them have such
-    a match within `GIVEN` windows and before the end of the drive.
+    a match within `MOST` windows and before the end of the drive.
 
     Parameters
     ----------
@@ -528,9 +528,9 @@ def first_matches(
     for pair in pairs:
         windows = len(pair.counted)
         for start in range(0, windows - _LEFT, START_EVERY):
-            if not pair.truth.known[start]:
+            if not pair.truth.has_truth[start]:
                 continue
-            part = slice(start, min(start + GIVEN, windows))
+            part = slice(start, min(start + MOST, windows))
             rest = replace(pair, counted=pair.counted.take(part))
             matches = rest.match()
             seconds = (rest.counted.end_us - rest.counted.start_us[0]) / 1e6

@@ -35,7 +35,7 @@ def measure(draw: Draw) -> Iterator[Row]:
                     "bits": bits,
                     "places per window": number,
                     "P@100R": mapped.coded(code | {"counter_bits": bits}).correct(),
-                    "windows": int(mapped.truth.known.sum()),
+                    "windows": int(mapped.truth.has_truth.sum()),
                     "places": len(mapped.reference),
                 }
 

@@ -138,7 +138,7 @@ NULLS = ("null: windows shuffled", "null: query reversed")
 
 def _figures(drive: MappedPair, matches: Matches, truths: Sequence[GroundTruth]) -> Row:
     """Return the figures of a drive; those of probabilities, and "wide", are by the last truth."""
-    reference, judged = drive.reference, truths[-1].known
+    reference, judged = drive.reference, truths[-1].has_truth
     wide = truths[-1].correct[matches.place, matches.query]
     confidence = reference.acceptance.confidence
     assert confidence is not None

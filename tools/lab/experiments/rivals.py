@@ -140,7 +140,7 @@ def rivals_of(draw: Draw) -> Iterator[System]:
         try:
             compared = compare(rival.baseline, *images)
         except UsageError as error:  # as where the surrounds of the pixels do not fit the sensor
-            if rival.asked:
+            if rival.by_user:
                 warning(f"{rival.title} is left out of {pair.name}: {error}")
             continue
         yield System(
@@ -161,7 +161,7 @@ class _Rival(NamedTuple):
     title: str
     baseline: Baseline
     of_images: bool = False  #: Whether it gets images of the sensor, not of the given pixels.
-    asked: bool = False  #: Whether the user added it.
+    by_user: bool = False  #: Whether the user added it.
 
 
 def _baselines(pair: CountedPair, draw: Draw) -> Iterator[_Rival]:
@@ -190,7 +190,7 @@ def _baselines(pair: CountedPair, draw: Draw) -> Iterator[_Rival]:
 
 
 #: windows between two starts in mid-route, most windows after a start, and least to the end
-START_EVERY, GIVEN, LEFT = 20, 120, 20
+START_EVERY, MOST, LEFT = 20, 120, 20
 #: measured columns, in their order
 _NOT_MEASURED: dict[str, Any] = dict.fromkeys(
     (
@@ -263,7 +263,7 @@ class _Start(NamedTuple):
 def _starts(system: System, decoder: Decoder, windows: int) -> list[_Start]:
     """Match from many windows on."""
     return [
-        _Start(first, system.match(decoder.settings, slice(first, first + GIVEN)))
+        _Start(first, system.match(decoder.settings, slice(first, first + MOST)))
         for first in range(0, windows - LEFT, START_EVERY)
     ]
 
@@ -284,7 +284,7 @@ def first_correct(
     for first, matches in starts:
         at = first + matches.query
         correct = np.flatnonzero(truth.correct[matches.place, at])
-        if not truth.known[at].any():
+        if not truth.has_truth[at].any():
             continue
         if not correct.size:
             waits.append(np.inf)

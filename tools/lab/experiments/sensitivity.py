@@ -118,7 +118,7 @@ def measure(draw: Draw) -> Iterator[Row]:
 def _correct(pair: MappedPair, constants: Constants) -> float:
     """Return the share of correct matches."""
     places, truth = match_with(pair, constants), pair.truth
-    return float(truth.correct[places, np.arange(len(places))][truth.known].mean())
+    return float(truth.correct[places, np.arange(len(places))][truth.has_truth].mean())
 
 
 def left_out(rows: Rows) -> list[Row]:

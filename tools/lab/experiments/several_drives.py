@@ -145,7 +145,7 @@ def measure(draw: Draw) -> Iterator[Row]:
                     truth = truth_of(drive.learnt[light].track)(
                         first.places.centre_us, learnt[light].centre_us
                     )
-                    k = np.flatnonzero(update.aligned & truth.known)
+                    k = np.flatnonzero(update.aligned & truth.has_truth)
                     shares = {
                         "aligned of the last drive learnt": float(update.aligned.mean()),
                         "of these right": float(truth.correct[update.place[k], k].mean()),
@@ -167,7 +167,7 @@ def measure(draw: Draw) -> Iterator[Row]:
 def _on_the_map(pair: MappedPair) -> MappedPair:
     """Leave windows that the map shows no place of out of what is judged."""
     truth = pair.truth
-    return replace(pair, truth=replace(truth, known=truth.known & truth.has_place))
+    return replace(pair, truth=replace(truth, has_truth=truth.has_truth & truth.has_place))
 
 
 EXPERIMENT = Experiment(

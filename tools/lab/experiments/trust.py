@@ -86,7 +86,7 @@ def in_zone(truth: GroundTruth, places: int) -> GroundTruth:
     for step in range(1, places + 1):
         correct[step:] |= true[:-step]
         correct[:-step] |= true[step:]
-    return GroundTruth(correct & truth.known, truth.known, f"within {places} places")
+    return GroundTruth(correct & truth.has_truth, truth.has_truth, f"within {places} places")
 
 
 def driven_versions(mapped: MappedPair, piece: tuple[int, int]) -> dict[str, list[MappedPair]]:
@@ -198,7 +198,7 @@ def interval(tracks: Tracks, mapped: MappedPair) -> dict[str, float]:
     route = with_positions(mapped.reference, tracks.reference).route
     assert route is not None
     matches = mapped.match()
-    judged = mapped.truth.known[matches.query]
+    judged = mapped.truth.has_truth[matches.query]
     gaps = distances(
         tracks.query.kind, tracks.query.at(matches.time_us)[judged, None], route.position[None]
     )

@@ -60,11 +60,11 @@ class RosNode:
         self._rclpy, self._fill = rclpy, set_message_fields
         self._node = node = rclpy.create_node(arguments.name)
         defaults = {each.name: getattr(arguments, each.name) for each in fields(Frames)}
-        found = {
+        frame_ids = {
             name: node.declare_parameter(f"{name}_frame", value).value
             for name, value in defaults.items()
         }
-        self.frames = Frames(**found)
+        self.frames = Frames(**frame_ids)
         self.connect, self.odometry_to = (
             str(node.declare_parameter(name, getattr(arguments, name)).value)
             for name in ("connect", "odometry_to")

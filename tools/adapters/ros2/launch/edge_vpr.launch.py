@@ -23,42 +23,42 @@ ARGUMENTS = {
 
 def actions(context: LaunchContext) -> list[Action]:
     """Return what is started with these arguments."""
-    given = {name: LaunchConfiguration(name).perform(context) for name in ARGUMENTS}
+    words = {name: LaunchConfiguration(name).perform(context) for name in ARGUMENTS}
     config = Path(get_package_share_directory("edge_vpr_ros"), "config")
-    simulated = {"use_sim_time": given["use_sim_time"] == "true"}
-    found: list[Action] = []
-    if given["stream"]:
-        command = ["edge-vpr", "stream", "--http", given["connect"], *shlex.split(given["stream"])]
-        if given["odometry_to"]:
-            command += ["--odometry", f"udp://{given['odometry_to']}"]
+    simulated = {"use_sim_time": words["use_sim_time"] == "true"}
+    started: list[Action] = []
+    if words["stream"]:
+        command = ["edge-vpr", "stream", "--http", words["connect"], *shlex.split(words["stream"])]
+        if words["odometry_to"]:
+            command += ["--odometry", f"udp://{words['odometry_to']}"]
         # its own lines are those of the topics
-        found.append(ExecuteProcess(cmd=command, output="log", respawn=True, respawn_delay=2.0))
+        started.append(ExecuteProcess(cmd=command, output="log", respawn=True, respawn_delay=2.0))
     addresses = {  # text without a type is read as YAML, and empty text is refused
-        name: ParameterValue(given[name], value_type=str)
+        name: ParameterValue(words[name], value_type=str)
         for name in ("connect", "odometry_to")
-        if given[name]
+        if words[name]
     }
-    found.append(
+    started.append(
         Node(
             package="edge_vpr_ros",
             executable="edge_vpr_node",
             name="edge_vpr",
             parameters=[str(config / "edge_vpr.yaml"), addresses, simulated],
-            remappings=[("/odom", given["odom"])],
+            remappings=[("/odom", words["odom"])],
         )
     )
-    if given["ekf"] == "true":
-        found.append(
+    if words["ekf"] == "true":
+        started.append(
             Node(
                 package="robot_localization",
                 executable="ekf_node",
                 name="ekf_filter_node",
-                parameters=[str(config / "ekf.yaml"), {"odom0": given["odom"]}, simulated],
+                parameters=[str(config / "ekf.yaml"), {"odom0": words["odom"]}, simulated],
                 # a jump of the node's, or a pose set by hand in RViz, sets the filter's
                 remappings=[("set_pose", "/initialpose")],
             )
         )
-    return found
+    return started
 
 
 def generate_launch_description() -> LaunchDescription:
