@@ -243,7 +243,8 @@ def process_events(kernel_state, t, x, y, until):
     columns, sums, changes = s.columns, s.sums, s.changes
     state, filter_table, rows, length = f.filter, f.filter_table, f.rows, f.length
     tau, n, lags, mask, limits = s.tau, s.n, s.counts.shape[0], s.slot.size - 1, f.limits
-    n_matches, i, end = 0, c.read, c.selected
+    # not a constant, for which Numba would compile `match_now` once more
+    n_matches, i, end = np.int64(0), c.read, c.selected
     # a countdown, because a division would take as long as the rest of processing an event
     left = c.every - bound[0] % c.every if c.every > 0 else np.int64(-1)
     # each iteration processes a tick or an event, until none is left
