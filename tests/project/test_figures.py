@@ -31,8 +31,8 @@ def test_what_a_match_costs_is_what_estimate_says(prose, capsys):
     second = estimate["sizes"]["place_bytes"] * estimate["design"]["places_per_window"]
     said = (
         f"A second of the route takes {second} bytes, packed. On a Cortex-M4, whose firmware keeps "
-        f"a byte per code, a route of 500 s takes {flash:.0f} KiB of flash and {ram:.0f} KiB of RAM, and a match "
-        f"{1e3 * of['load']['central']:.0f} ms and "
+        f"a byte per code, a route of 500 s takes {flash:.0f} KiB of flash and {ram:.0f} KiB of "
+        f"RAM, and a match {1e3 * of['load']['central']:.0f} ms and "
         f"{1e3 * of['per_match_j']['central']:.1f} mJ at 100,000 events per second"
     )
     assert said in re.sub(r"\[([^\]]*)\]\([^)]*\)", r"\1", prose)
