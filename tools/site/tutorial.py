@@ -18,8 +18,8 @@ DOCS, NOTEBOOK = ROOT / "docs", ROOT / "examples" / "street.ipynb"
 PAGE = DOCS / "tutorial.md"
 #: pictures of the page, and the files of the run that they are
 PICTURES = {
-    "tutorial_pixels.svg": "results/pixels.svg",
-    "tutorial_distances.svg": "results/distance_matrix.svg",
+    "tutorial_pixels.svg": "matched/pixels.svg",
+    "tutorial_distances.svg": "matched/distance_matrix.svg",
     "tutorial_online.svg": "live/matches.svg",
 }
 _CONSOLE = re.compile(r"^```console\n(.*?)^```$", re.MULTILINE | re.DOTALL)
