@@ -32,12 +32,22 @@ def import_extra(module: str, what: str, library: str, extra: str) -> Any:
 # Conversion of times that wrap into times that never wrap.
 
 
+def clock_step(step: Any, period: int, back: int) -> Any:
+    """Return the step of a clock, given modulo its period: at most `back` backwards, else forwards.
+
+    A period of 0 is that of a clock that never wraps. Decoders with kernels compile this for
+    themselves; other formats need no compiler.
+    """
+    return ((step + back) & (period - 1)) - back if period else step
+
+
 class Unwrapper:
     """Continue a clock of `bits` bits beyond its wraps, chunk by chunk.
 
     A step between two events goes in the shorter direction, forwards or backwards: slightly late
     events stay late, also across a wrap. So a pause of more than half a period looks like a step
-    back, and whole periods of a longer one are lost. EVT 3.0 has a rule of its own (`prophesee`).
+    back, and whole periods of a longer one are lost. EVT 3.0 has a rule of its own (`prophesee`),
+    and a live clock goes back less far (`TimestampFilter`).
 
     Examples
     --------
@@ -46,8 +56,7 @@ class Unwrapper:
     """
 
     def __init__(self, bits: int) -> None:
-        self._half = 1 << (bits - 1)
-        self._mask = (1 << bits) - 1
+        self._period = 1 << bits
         self._last: int | None = None
 
     def unwrap(self, times: npt.NDArray[Any]) -> npt.NDArray[np.int64]:
@@ -57,11 +66,7 @@ class Unwrapper:
             return raw
         first = int(raw[0]) if self._last is None else self._last
         steps = np.diff(raw, prepend=first)
-        steps += self._half
-        steps &= self._mask
-        steps -= self._half
-        unwrapped = np.cumsum(steps, out=steps)
-        unwrapped += first
+        unwrapped = first + np.cumsum(clock_step(steps, self._period, self._period // 2))
         self._last = int(unwrapped[-1])
         return unwrapped
 

@@ -14,7 +14,7 @@ import numpy.typing as npt
 from edge_vpr.compiling import kernel
 from edge_vpr.errors import RecordingError
 from edge_vpr.events import Events, Sensor
-from edge_vpr.recordings.decoding import RecordFile, is_text
+from edge_vpr.recordings.decoding import RecordFile, clock_step, is_text
 from edge_vpr.recordings.reading import Columns, FaultLog, ReadOptions, Source, empty_columns
 
 # The text header of Prophesee's RAW files.
@@ -193,6 +193,9 @@ STATE = np.dtype(
 _LEAST_MARGIN = 10
 
 
+_clock_step = kernel(inner=True)(clock_step)
+
+
 @kernel(inner=True)
 def _advance(s, high):  # type: ignore[no-untyped-def]
     """Advance the time base of EVT 2.0 or 2.1, 28 bits, to a new value of the high time bits.
@@ -202,7 +205,7 @@ def _advance(s, high):  # type: ignore[no-untyped-def]
     if s["before"] < 0:
         s["time_base"] = high
     else:
-        s["time_base"] += ((high - s["before"] + (1 << 27)) & ((1 << 28) - 1)) - (1 << 27)
+        s["time_base"] += _clock_step(high - s["before"], 1 << 28, 1 << 27)
     s["high"] = s["before"] = high
 
 

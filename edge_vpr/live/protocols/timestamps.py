@@ -16,6 +16,7 @@ import numpy.typing as npt
 from edge_vpr.compiling import SharedState, kernel
 from edge_vpr.events import Events, Sensor, empty_events
 from edge_vpr.live.protocols.health import Health
+from edge_vpr.recordings.decoding import clock_step
 from edge_vpr.recordings.reading import Columns
 
 #: A step forward of up to this is accepted at once.
@@ -210,17 +211,13 @@ class TimestampFilter:
             health.wraps = wraps
 
 
-@kernel(inner=True)
-def _step(earlier, later, period, late):  # type: ignore[no-untyped-def]
-    """Return the time between two events; on a clock that wraps, forward or slightly late."""
-    step = later - earlier
-    return ((step + late) & (period - 1)) - late if period else step
+_clock_step = kernel(inner=True)(clock_step)
 
 
 @kernel(inner=True)
 def _drop(state, last, first, held, period, late):  # type: ignore[no-untyped-def]
     """Count dropped events that were held: as late if the first is slightly late, else as leaps."""
-    if -late <= _step(last, first, period, late) < 0:
+    if -late <= _clock_step(first - last, period, late) < 0:
         state["late"] += held
     else:
         state["leaps"] += held
@@ -303,7 +300,7 @@ def _admit(kernel_state, t, x, y, p, t_out, x_out, y_out, p_out):  # type: ignor
     allowed = s["allowed"]
     # a longer step on a clock that wraps would be a late event
     most = min(sure, period - 1 - late) if period else sure
-    step = _step(last, np.int64(t[0]), period, late)
+    step = _clock_step(np.int64(t[0]) - last, period, late)
     if dated and not n_held and 0 <= step <= most and _is_usual(t, x, y, width, height, most):
         s["wraps"] += _has_wrapped(last, np.int64(t[0]), period)
         shift = now + step - t[0]
@@ -326,7 +323,7 @@ def _admit(kernel_state, t, x, y, p, t_out, x_out, y_out, p_out):  # type: ignor
         time = np.int64(t[i])
         if not dated:
             dated, last = 1, time
-        step = _step(last, time, period, late)
+        step = _clock_step(time - last, period, late)
         if 0 <= step <= step_limit and (step <= sure or step <= allowed):
             if n_held:  # a good event after held ones: their times were wrong
                 _drop(s, last, held_t[0], n_held, period, late)
@@ -337,7 +334,7 @@ def _admit(kernel_state, t, x, y, p, t_out, x_out, y_out, p_out):  # type: ignor
             last = time
         else:
             if n_held:
-                follows = _step(held_t[n_held - 1], time, period, late)
+                follows = _clock_step(time - held_t[n_held - 1], period, late)
                 if not 0 <= follows <= step_limit:
                     _drop(s, last, held_t[0], n_held, period, late)
                     n_held = 0
@@ -346,7 +343,7 @@ def _admit(kernel_state, t, x, y, p, t_out, x_out, y_out, p_out):  # type: ignor
             n_held += 1
             if n_held == confirm:
                 first = held_t[0]
-                step = _step(last, first, period, late)
+                step = _clock_step(first - last, period, late)
                 if 0 <= step <= silence and step <= allowed:
                     s["wraps"] += _has_wrapped(last, first, period)
                     now += step
@@ -358,7 +355,7 @@ def _admit(kernel_state, t, x, y, p, t_out, x_out, y_out, p_out):  # type: ignor
                     allowed -= step
                 last = first
                 for k in range(n_held):
-                    step = _step(last, held_t[k], period, late)
+                    step = _clock_step(held_t[k] - last, period, late)
                     if step <= sure or step <= allowed:
                         now += step
                         allowed -= step
