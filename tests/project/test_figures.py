@@ -47,11 +47,11 @@ def test_other_light_is_that_of_the_table_of_rivals(prose):
         ]  # fmt: skip
     (ours,) = (row for row in rows if row["system"].startswith("edge-vpr"))
     (theirs,) = (row for row in rows if row["system"].startswith("patch-normalised"))
-    times = int(theirs["bytes per place"]) / int(ours["bytes per place"])
+    assert int(theirs["bytes per place"]) > 20 * int(ours["bytes per place"])
     assert (
         f"By day, on a map of the sunset, {float(ours['P@100R']):.2f} of the live matches are "
-        f"correct, but hardly any is accepted. Patch normalisation, with {times:.0f} times the "
-        f"bytes, reaches {float(theirs['P@100R']):.2f}."
+        f"correct, but hardly any is accepted. Patch normalisation reaches "
+        f"{float(theirs['P@100R']):.2f}, with many times the bytes."
     ) in prose
 
 
