@@ -189,7 +189,8 @@ def run(args: argparse.Namespace) -> None:
     if not args.no_figures:
         summary(
             f"see {output / results.REPORT}; next, compare with the truth: "
-            f"edge-vpr evaluate {shell_word(output)} --help"
+            f"edge-vpr evaluate {shell_word(output)} --ground-truth MAP_TRACK QUERY_TRACK "
+            "--tolerance METRES"
         )
 
 
