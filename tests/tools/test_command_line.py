@@ -97,6 +97,7 @@ def test_wrong_use_is_one_line_that_says_what_was_meant(capsys, line, says):
 def test_suggestions_are_of_similar_names_alone():
     assert did_you_mean("zzz", ["map", "match"]) == ""
     assert did_you_mean("--hot", ["--hot-pixels", "--seed"]) == ": did you mean --hot-pixels?"
+    assert did_you_mean("--gains", ["--lanes", "--target"]) == ""
 
 
 @pytest.mark.parametrize(("verb"), VERBS)
