@@ -84,7 +84,7 @@ def refused(capsys, *words):
         ("map a.npz -o b.npz --sigma 1_0", "--sigma: '1_0' is not a number"),
         ("map a.npz -o b.npz --sigma wide", "--sigma: 'wide' is not a number"),
         ("evaluate r --ground-truth t --tolerance nan", "--tolerance nan: give numbers such as"),
-        ("evaluate r --ground-truth t --tolerance 5,10", "several of them separated by spaces, as 2"),
+        ("evaluate r --ground-truth t --tolerance 5,10", "several of them separated by spaces"),
         ("map a.npz -o b.npz --sigma nan", "'nan' is not a finite number"),
         ("map a.npz", "required: -o/--output"),
         ("map", "required: REFERENCE, -o/--output"),
