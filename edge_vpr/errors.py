@@ -203,6 +203,10 @@ def number_in(text: str) -> float:
     return float(text)
 
 
+#: letters in which a name may differ from what was typed
+_MOST_CHANGED = 2
+
+
 def did_you_mean(typed: str, words: Iterable[str]) -> str:
     """Return the end of an error message that suggests a similar name.
 
@@ -216,18 +220,23 @@ def did_you_mean(typed: str, words: Iterable[str]) -> str:
     Returns
     -------
     str
-        Empty if nothing is similar.
+        Empty if nothing is similar: a longer name that begins so, or one that differs by a letter
+        or two.
 
     Examples
     --------
     >>> did_you_mean("varience", ["variance", "random"])
     ': did you mean variance?'
     """
-    from difflib import get_close_matches  # takes 10 ms, needed for errors only
+    from difflib import SequenceMatcher, get_close_matches  # take 10 ms, needed for errors only
 
     names = list(words)
     longer = [name for name in names if name.startswith(typed)]
-    similar = sorted(longer, key=len)[:1] or get_close_matches(typed, names, n=1, cutoff=0.6)
+    similar = sorted(longer, key=len)[:1]
+    for name in () if longer else get_close_matches(typed, names, n=1):
+        steps = SequenceMatcher(None, typed, name).get_opcodes()
+        changed = sum(max(i2 - i1, j2 - j1) for kind, i1, i2, j1, j2 in steps if kind != "equal")
+        similar += [name] * (changed <= _MOST_CHANGED)
     return f": did you mean {similar[0]}?" if similar else ""
 
 

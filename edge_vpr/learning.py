@@ -175,9 +175,11 @@ def learn_drive(
     if shown < LEAST_SHOWN:
         by_track = track is not None and reference.route is not None
         raise UsageError(
-            f"the drive shows {shown:.0%} of the route, and the rest would be found less often in "
-            f"its light: name a drive of at least {LEAST_SHOWN:.0%} of it"
-            + ("" if by_track else ", or give the tracks of both drives if it is one")
+            f"the drive shows {shown:.0%} of the route, and at least {LEAST_SHOWN:.0%} is needed, "
+            "since the rest would be found less often in its light: learn a recording of the whole "
+            "route"
+            + "; if this is one, windows could not be aligned by matching: make the map with the "
+            "track of its drive, and give that of this drive (track=) too" * (not by_track)
         )
     code, initial = reference.own_mean_code, reference.mean
     if code is None or initial is None:

@@ -106,7 +106,7 @@ def match(
         )
     else:
         result = _match_events(matched.causal(), drive, every, odometry)
-    _warn_if_strange(result.matches)
+    _warn_if_strange(result.matches, odometry)
     # the map as it was passed: settings of one run are no part of it
     start_us = getattr(drive, "cropped_us", 0)
     windows = None if result.windows is None else reference.coded(result.windows)
@@ -202,13 +202,15 @@ def _match_events(
 _MUCH_OFF_MAP = 0.25
 
 
-def _warn_if_strange(matches: Matches) -> None:
+def _warn_if_strange(matches: Matches, odometry: Odometry | None) -> None:
     """Warn if the views of more than a quarter of the matches are unlike those of the map."""
     share = float((matches.misfit >= OFF_MAP_MISFIT).mean())
     if share > _MUCH_OFF_MAP:
+        # in feet or with the sign reversed, matches leave the places that the drive shows
+        unit = "" if odometry is None else "that the odometry is in metres, forwards positive, and "
         warnings.warn(
-            f"{OFF_MAP_TEXT}, by {share:.0%} of the matches: check that the drive and the map are "
-            "of one route, or map the route in this light too",
+            f"{OFF_MAP_TEXT}, by {share:.0%} of the matches: check {unit}that the drive and the "
+            "map are of one route, or map the route in this light too",
             EdgeVprWarning,
             stacklevel=4,
         )

@@ -252,19 +252,16 @@ class Odometry(EqualByValue):
     def beside(
         self,
         time_us: npt.NDArray[np.int64],
-        along_m: npt.NDArray[np.float64] | None,
-        accepted: npt.NDArray[np.bool_],
+        route_m: float,
     ) -> str:
-        """Return how far the odometer and the matches have moved, as a sentence.
+        """Return the metres of a drive by the odometer beside those of the route, as a sentence.
 
         Parameters
         ----------
         time_us : ndarray of int64, shape (m,)
-            Of the matches.
-        along_m : ndarray of float64, shape (m,), optional
-            Of the matches: metres along the route; NaN where a place has no position.
-        accepted : ndarray of bool, shape (m,)
-            Matches between whose first and last the metres are compared.
+            Of the matches, rising from the drive's start.
+        route_m : float
+            Length of the map's route.
 
         Raises
         ------
@@ -278,17 +275,10 @@ class Odometry(EqualByValue):
                 f"odometry has readings from {first_us / 1e6:,.1f} to {last_us / 1e6:,.1f} s, and "
                 "the drive has no match there: give times in seconds from the recording's start"
             )
-        text = f"odometry: readings at {read.sum():,} of {read.size:,} matches"
-        if along_m is None:
-            return text
-        compared = np.flatnonzero(read & accepted & np.isfinite(along_m))
-        if compared.size < 2:
-            return text
-        first, last = int(compared[0]), int(compared[-1])
-        driven = np.interp(time_us[[first, last]], self.time_us, self.distance_mm / 1e3)
+        first_m, last_m = np.interp([0, time_us[-1]], self.time_us, self.distance_mm / 1e3)
         return (
-            f"{text}; between accepted matches, "
-            f"{ratio_text(float(driven[1] - driven[0]), float(along_m[last] - along_m[first]))}"
+            f"odometry: readings at {read.sum():,} of {read.size:,} matches; "
+            f"{ratio_text(last_m - first_m, route_m)}"
         )
 
     def of_windows(
@@ -330,9 +320,13 @@ class Odometry(EqualByValue):
 
 
 def ratio_text(driven_m: float, route_m: float) -> str:
-    """Return metres of the odometer beside those along the route, and their ratio."""
-    ratio = f" ({driven_m / route_m:.2f})" if route_m else ""
-    return f"{driven_m:,.1f} m by the odometer, {route_m:,.1f} m along the route{ratio}"
+    """Return metres by the odometer beside the length of the map's route, and their ratio.
+
+    No match has a part in them: in feet the ratio of a whole drive is 3.3, and with a wrong sign it
+    is negative.
+    """
+    ratio = f" (ratio {driven_m / route_m:.2f})" if route_m else ""
+    return f"{driven_m:,.1f} m by the odometer, route length {route_m:,.1f} m{ratio}"
 
 
 class Odometer:

@@ -224,8 +224,8 @@ class Evaluation:
     truth : GroundTruth
         With which they were compared.
     recall_at : dict of int to float
-        Recall@N: share of the evaluated queries with a true place that have one among the N
-        nearest. A place whose position is not known is none.
+        Recall@N: share of the evaluated queries with a true place that have one among the first N
+        of `Matches.candidates`. A place whose position is not known is none.
     score, recall_denominator : str
         Score that the threshold applies to, and denominator of recall; see `evaluate`.
     rejection : Rejection

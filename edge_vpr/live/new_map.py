@@ -50,15 +50,16 @@ def make_map(
         Takes the kind and the text of a message.
     """
     odometry, removed, update = None, Removed(), None
+    learns = prior is not None and (
+        settings.at_places_of(prior.settings).of_map == prior.settings.of_map
+    )
     if readings:
         odometry = Odometry(
             np.array(list(readings), dtype=np.int64),
             np.array(list(readings.values()), dtype=np.int64),
         )
     try:
-        if prior is not None and (
-            settings.at_places_of(prior.settings).of_map == prior.settings.of_map
-        ):
+        if prior is not None and learns:
             # aligned by whole drives, whatever the settings that it was matched with
             prior = prior.matched_with(settings)
             update = prior.update(drive, odometry=odometry, removed=removed)
@@ -69,12 +70,14 @@ def make_map(
         drive.unlink()
     finally:
         if drive.exists():
-            _keep(drive, target, odometry, say)
+            _keep(drive, target, odometry, say, learns=learns)
     return NewMap(made, update, removed)
 
 
-def _keep(drive: Path, target: Path, odometry: Odometry | None, say: Callable[..., None]) -> None:
-    """Keep a drive that gave no map, and say how to continue with it."""
+def _keep(
+    drive: Path, target: Path, odometry: Odometry | None, say: Callable[..., None], *, learns: bool
+) -> None:
+    """Keep a drive that gave no map, or that a map did not learn; say how to continue with it."""
     stems = (target.with_name(f"{target.stem}_drive{n or ''}") for n in count())
     kept = next(stem.with_suffix(".npz") for stem in stems if not stem.with_suffix(".npz").exists())
     drive.replace(kept)
@@ -83,4 +86,5 @@ def _keep(drive: Path, target: Path, odometry: Odometry | None, say: Callable[..
         table = kept.with_suffix(".csv")
         save_odometry(table, odometry)
         words += ["--odometry", printable(table)]
-    say("drive", f"the drive is kept: {' '.join(words)}")
+    new = " makes a new map of it, and adds nothing to the old one" * learns
+    say("drive", f"the drive is kept: {' '.join(words)}{new}")

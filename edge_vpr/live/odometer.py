@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import time
-from collections import deque
 from collections.abc import Callable
 
 from edge_vpr.errors import number_in
@@ -21,8 +20,6 @@ _MOST_PIECES = 2
 #: Silence of the odometer that is reported, because windows pass without a reading.
 ODOMETER_SILENT_S = 2.0
 _BAUD = 115_200
-#: Time over which odometer and matches are compared, and between the ends that are remembered.
-_RATIO_US, _END_US = 60_000_000, 500_000
 
 
 class OdometerLine:
@@ -73,37 +70,6 @@ class OdometerLine:
             self.distance_mm = round(1e3 * value)
         else:
             self.refused += 1
-
-
-class DrivenAndMatched:
-    """Metres by the odometer, and along the route by the matches, over the last minute.
-
-    Their ratio is a fact for the user, who declared the unit: with feet for metres it is 3.3, and
-    negative with a wrong sign. It judges nothing.
-
-    Attributes
-    ----------
-    driven_m, route_m : float
-        Since the position jumped last, and for a minute at most; 0 at first.
-    """
-
-    def __init__(self) -> None:
-        self.driven_m = self.route_m = 0.0
-        self._ends: deque[tuple[int, float, float]] = deque()  # time, driven, along the route
-        self._jumps = -1
-
-    def match(self, time_us: int, driven_m: float, along_m: float, jumps: int) -> None:
-        """Take a match: its time, both distances from any zero, and how often it has jumped."""
-        ends = self._ends
-        if jumps != self._jumps:
-            ends.clear()
-            self._jumps = jumps
-        if not ends or time_us - ends[-1][0] >= _END_US:
-            ends.append((time_us, driven_m, along_m))
-        while time_us - ends[0][0] > _RATIO_US:
-            ends.popleft()
-        _, driven, along = ends[0]
-        self.driven_m, self.route_m = driven_m - driven, along_m - along
 
 
 class OdometerReader:

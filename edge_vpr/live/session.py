@@ -19,7 +19,7 @@ from edge_vpr.compiling import have_kernels
 from edge_vpr.errors import RecordingError, UsageError, expect, printable
 from edge_vpr.events import Sensor
 from edge_vpr.live.links import Line, link_opener
-from edge_vpr.live.odometer import DrivenAndMatched, OdometerReader
+from edge_vpr.live.odometer import OdometerReader
 from edge_vpr.live.protocols import Health, ProtocolName, open_decoder
 from edge_vpr.live.reader import LinkReader
 from edge_vpr.live.rehearsal import rehearse
@@ -213,7 +213,7 @@ class LiveSession:
         # readings of the odometer that wait, and when each came
         self._shown: deque[tuple[float, int]] = deque(maxlen=_MOST_SHOWN)
         self._newest: Match | None = None
-        self._ratio = DrivenAndMatched()
+        self._first_mm: int | None = None  # of the odometer
         self._fresh: list[tuple[int, float]] = []
 
     # -- opening and closing
@@ -471,12 +471,7 @@ class LiveSession:
                 then_us = int(1e6 * (time.time() - age_s))
             matches.append(match.at_age(age_s, oldest_s, query=self._next_query, host_us=then_us))
             self._next_query, self._jumps = self._next_query + 1, match.jumps
-            if self._odometry is not None and match.along_m is not None:
-                driven_m = self._matcher.odometer_check.distance_mm / 1e3
-                self._ratio.match(match.time_us, driven_m, match.along_m, match.jumps)
         self._newest = matches[-1]
-        health = self.decoder.health
-        health.odometer_m, health.route_m = self._ratio.driven_m, self._ratio.route_m
         return tuple(matches)
 
     def _outdated(self, now_s: float) -> tuple[Match, ...]:
@@ -535,6 +530,9 @@ class LiveSession:
             self._say("odometer", "the odometer is used again", over=True)
         if reading is not None:
             time_us, distance_mm = reading
+            if self._first_mm is None:
+                self._first_mm = distance_mm
+            self.decoder.health.odometer_m = (distance_mm - self._first_mm) / 1e3
             self._fresh.append((time_us, distance_mm / 1e3))
             self.files.take_reading(time_us, distance_mm)
 

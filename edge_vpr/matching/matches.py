@@ -90,8 +90,10 @@ class Matches(EqualByValue):
     ties : ndarray of int64, shape (n,)
         Number of other places at the smallest distance.
     candidates : ndarray of int64, shape (n, 25)
-        Nearest places, nearest first (ties: lowest first); -1 where the map has fewer. For matches
-        event by event only the best place, shape (n, 1).
+        Nearest places, nearest first (ties: lowest first); -1 where the map has fewer. With the
+        place filter they are those of the least metrics, and the match, the middle of the places
+        near the least, may not be the first. For matches event by event only the match, shape (n,
+        1).
     trust : ndarray of int64, shape (n,)
         Higher means more confident, see `Match`.
     misfit : ndarray of int64, shape (n,)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import importlib
+import re
 import subprocess
 import sys
 from concurrent.futures import ThreadPoolExecutor
@@ -27,9 +28,10 @@ def workers_of_this_process(monkeypatch):
 
 
 def refused(capsys, *arguments, code, says):
-    """Check for one line on standard error that says what is wrong."""
+    """Check for one line on standard error, beside those of trials, that says what is wrong."""
     assert main([str(each) for each in arguments]) == code
-    (line,) = capsys.readouterr().err.splitlines()
+    *trials, line = capsys.readouterr().err.splitlines()
+    assert all(": trial " in each for each in trials)
     assert says in line and line.startswith("edge-vpr: error: ")
 
 
@@ -116,7 +118,13 @@ def test_the_rows_of_all_trials_are_a_table_and_a_figure(capsys, tmp_path, monke
     for module, name in ((rivals, "rivals"), (fixed_number, "fixed-number")):
         monkeypatch.setattr(module, "EXPERIMENT", declared(name, ran))
     assert main(["rivals", "fixed-number", "--seeds", "2", "-o", str(tmp_path / "results")]) == 0
-    shown = capsys.readouterr().out
+    shown, progress = capsys.readouterr()
+    # in the order in which they end
+    assert sorted(re.sub(r"\d of 6, after \d+ s", "n", line) for line in progress.splitlines()) == [
+        f"edge-vpr: {name}, {drives}: trial n"
+        for name in ("fixed-number", "rivals")
+        for drives in ("given, seed 0", "street, seed 0", "street, seed 1")
+    ]
     assert "rivals:\n\nstreet, ± over 2 seeds:\n\n| system | P@100R | change |" in shown
     assert "| one | 0.550 ± 0.071 | -0.250 ± 0.000 |" in shown and "fixed-number:\n" in shown
     assert len(ran) == 2 * 3

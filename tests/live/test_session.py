@@ -697,6 +697,13 @@ def test_a_known_map_learns_the_drive_that_it_is_matched_with(street, tmp_path, 
     with LiveSession(sent, protocol="evpr", reference=reference, files=files) as session:
         assert len(list(session)) > 0
     assert files.learnt == expected.reference
+    part = events[events["t"] < 0.6 * events["t"][-1]]
+    sent.write_bytes(encoder.start() + encoder.encode(part))
+    assert main([str(word) for word in ("stream", *words, "-o", tmp_path / "more.npz")]) == 2
+    shown = capsys.readouterr().err
+    assert re.search(r"the drive shows \d+% of the route, and at least 90% is needed", shown)
+    assert "more_drive.npz -o " in shown
+    assert "more.npz makes a new map of it, and adds nothing to the old one\n" in shown
 
 
 def test_a_precision_marks_the_matches_below_it_as_lost(street, tmp_path):

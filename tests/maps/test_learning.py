@@ -225,8 +225,10 @@ def test_a_drive_that_shows_less_than_nine_tenths_of_the_route_is_refused(
         assert len(part) < len(counted)
         assert learn_drive(route, part, track=query.track).aligned.all()
         return
-    with pytest.raises(UsageError, match=r"shows 8\d% of the route, and the rest would be found"):
+    with pytest.raises(UsageError, match=r"shows 8\d% .* at least 90% .*whole route$"):
         learn_drive(route, part, track=query.track)
+    with pytest.raises(UsageError, match=r"route; if this is one, .* of this drive \(track=\)"):
+        learn_drive(route, part)
 
 
 @pytest.mark.parametrize("by_track", [False, True])

@@ -241,6 +241,10 @@ def test_another_street_is_a_warning():
     _, other = simulate_pair(5, "tiny", length_m=60)
     with pytest.warns(ev.EdgeVprWarning, match=r"light is not the map's, by \d+% of the matches"):
         route.match(other)
+    metered = dataclasses.replace(route, odometer_mm=np.arange(len(route)) * 3_000)
+    sign = r"% of the matches: check that the odometry is in metres, forwards positive, and that"
+    with pytest.warns(ev.EdgeVprWarning, match=sign):
+        metered.match(other, odometry={"time_s": [0, 60], "distance_m": [0, -60]})
 
 
 def test_a_time_without_any_event_is_named_where_a_clock_may_have_jumped(route):

@@ -266,7 +266,11 @@ def test_sequences_take_no_odometry():
 
 @pytest.mark.parametrize("online", [(), ("--online", "--every", "window")])
 def test_readings_at_other_times_than_the_drive_are_refused(tmp_path, capsys, online):
-    """Such as times since 1970, which no place and no window would meet."""
+    """Such as times since 1970, which no place and no window would meet.
+
+    Of the others, metres beside those of the route show the unit and the sign, also where no match
+    is accepted.
+    """
     events = random_events(np.random.default_rng(0), 6_000, Sensor(16, 12), 3_000_000)
     write_recording(tmp_path / "drive.npz", [events], sensor=Sensor(16, 12))
     small = ["--pixels", "20", "--sigma", "1", "--tau", "100ms"]
@@ -277,19 +281,27 @@ def test_readings_at_other_times_than_the_drive_are_refused(tmp_path, capsys, on
 
     drive, route = tmp_path / "drive.npz", tmp_path / "map.npz"
     rows = {"good": "0,0\n3,30", "half": "0,0\n1.6,30", "short": "0,0\n1.4,30"}
-    rows |= {"unix": "1795559873,0\n1795559876,30", "backwards": "0,30\n3,0"}
+    rows |= {"unix": "1795559873,0\n1795559876,30", "backwards": "0,30\n3,0", "feet": "0,0\n3,98"}
     files = {
         name: write(tmp_path, f"time_s,distance_m\n{each}\n", f"{name}.csv")
         for name, each in rows.items()
     }
-    for name in ("unix", "backwards", "half", "good"):
+    for name in ("unix", "backwards", "half", "feet", "good"):
         text = said("map", drive, "-o", route, *small, "--odometry", files[name])
         assert ("does not move forward by" in text) == (name in ("unix", "backwards"))
     command = ["match", route, drive, "-o", tmp_path / "out", "--no-figures", *online, "--odometry"]
+    ratios = {"good": 1.0, "half": 1.0, "short": 1.0, "backwards": -1.0, "feet": 3.3}
     for name in files:
-        text = said(*command, files[name], fails=name == "unix")
+        text = said(*command, files[name], "--precision", "0.99", fails=name == "unix")
         assert ("give times in seconds from the recording's" in text) == (name == "unix")
-        assert re.search(r"odometry: readings at \d+ of \d+ matches", text) or name == "unix"
+        shown = re.search(
+            r"odometry: readings at \d+ of \d+ matches; -?\d+\.\d m by the odometer, "
+            r"route length \d\d\.\d m \(ratio (.+)\)\n", text,
+        )  # fmt: skip
+        assert name == "unix" or float(shown[1]) == pytest.approx(ratios[name], rel=0.1)
+    # times count from where the part begins: this log ends before
+    text = said(*command, files["short"], "--start", 2, fails=True)
+    assert "the drive has no match there" in text
 
 
 def test_evidence_counts_by_the_distance_driven():

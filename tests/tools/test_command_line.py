@@ -84,6 +84,7 @@ def refused(capsys, *words):
         ("map a.npz -o b.npz --sigma 1_0", "--sigma: '1_0' is not a number"),
         ("map a.npz -o b.npz --sigma wide", "--sigma: 'wide' is not a number"),
         ("evaluate r --ground-truth t --tolerance nan", "--tolerance nan: give numbers such as"),
+        ("evaluate r --ground-truth t --tolerance 5,10", "several of them separated by spaces"),
         ("map a.npz -o b.npz --sigma nan", "'nan' is not a finite number"),
         ("map a.npz", "required: -o/--output"),
         ("map", "required: REFERENCE, -o/--output"),
@@ -97,6 +98,7 @@ def test_wrong_use_is_one_line_that_says_what_was_meant(capsys, line, says):
 def test_suggestions_are_of_similar_names_alone():
     assert did_you_mean("zzz", ["map", "match"]) == ""
     assert did_you_mean("--hot", ["--hot-pixels", "--seed"]) == ": did you mean --hot-pixels?"
+    assert did_you_mean("--gains", ["--lanes", "--target"]) == ""
 
 
 @pytest.mark.parametrize(("verb"), VERBS)

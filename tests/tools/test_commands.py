@@ -90,7 +90,8 @@ def test_the_next_command_can_be_copied(drive, tmp_path, capsys):
     words = ["match", str(drive / "map.npz"), str(drive / "query.npz"), "-o", str(folder)]
     assert main(words) == 0
     printed = capsys.readouterr().out.rpartition("next, compare with the truth: ")[2]
-    assert shlex.split(printed) == ["edge-vpr", "evaluate", str(folder), "--help"]
+    truth = ["--ground-truth", "MAP_TRACK", "QUERY_TRACK", "--tolerance", "METRES"]
+    assert shlex.split(printed) == ["edge-vpr", "evaluate", str(folder), *truth]
 
 
 def test_evaluate_adds_figures_and_metrics(drive, tmp_path, capsys):

@@ -95,6 +95,10 @@ def test_the_verdict_says_what_the_metrics_say(street):
     assert (yes + no, bad + worse) == (correct, evaluation["queries"] - correct)
     share = re.search(r"(\d+) % would be accepted at precision 0.99", printed)
     assert abs(int(share[1]) - 100 * (yes + bad) / evaluation["queries"]) <= 0.5
+    # a match is not the first of those that Recall@N ranks, so Recall@1 may be another than P@100R
+    matches = Matches.load(street / "results/matches.npz")
+    assert (matches.candidates[:, 0] != matches.place).any()
+    assert "a correct place is among the 1 with the filter's least metrics; a match is the" in text
 
 
 @pytest.mark.parametrize("promised", [True, False])

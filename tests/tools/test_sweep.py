@@ -159,7 +159,10 @@ def test_a_sweep_is_resumed_where_its_file_ends(plan_file, tmp_path, capsys):
     # in the order of the plan, since a comparison is with the first variant
     assert [line["microseconds_per_match"] for line in resumed[-2:]] == times
     assert [line["variant"] for line in resumed] == [line["variant"] for line in whole]
-    assert "6 trials, 4 of them computed now" in capsys.readouterr().out
+    shown = capsys.readouterr()
+    assert "6 trials, 4 of them computed now" in shown.out
+    progress = re.findall(r", evening, seed \d: trial (\d) of 4, after \d+ s\n", shown.err)
+    assert progress == ["1", "2", "3", "4"]
     plan_file.write_text(PLAN.replace("[3, 5]", "[3, 5, 4]"))
     assert len(sweep(plan_file, some, "--resume")) == 8
     assert "8 trials, 2 of them computed now" in capsys.readouterr().out

@@ -410,10 +410,8 @@ class View:
             certainty = list(self._certainty(newest, gone=gone))
             if certainty:
                 texts["certainty"] = ", ".join(certainty)
-            if health.odometer_m or health.route_m:
-                texts["odometer"] = (
-                    f"{ratio_text(health.odometer_m, health.route_m)} in the last minute"
-                )
+            if health.odometer_m is not None and newest.route_m is not None:
+                texts["odometer"] = ratio_text(health.odometer_m, newest.route_m)
         elif self._places:
             texts["place"] = f"waiting for the first match: {100 * filled:.0f} %"
         if status.lost_link:

@@ -132,7 +132,8 @@ def parse_tolerances(texts: Sequence[str]) -> tuple[list[float], bool]:
         tolerances = [float(text.removesuffix(ending)) for text in texts]
     if len(tolerances) < len(texts) or not np.isfinite(tolerances).all():
         raise UsageError(
-            f"--tolerance {' '.join(texts)}: give numbers such as 70, or all in seconds, as 2s"
+            f"--tolerance {' '.join(texts)}: give numbers such as 70, several of them separated by "
+            "spaces, as 25 70, or all in seconds, as 2s"
         )
     return tolerances, bool(texts and ending)
 

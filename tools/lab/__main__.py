@@ -8,7 +8,7 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from edge_vpr_tools.console import error_line, number_of, status, summary, warning
+from edge_vpr_tools.console import error_line, note, number_of, status, summary, warning
 from edge_vpr_tools.workers import processes
 
 from edge_vpr.errors import EdgeVprError, UsageError
@@ -118,8 +118,8 @@ def run(args: argparse.Namespace) -> None:
             warning(problem)
         check_logs(data)
     folder.mkdir(parents=True, exist_ok=True)
-    with processes(args.workers) as workers, status("starting") as say:
-        measured = run_experiments(trials, folder, workers, resume=args.resume, progress=say)
+    with processes(args.workers) as workers, status("running"):
+        measured = run_experiments(trials, folder, workers, resume=args.resume, progress=note)
     for each in measured:
         for line in f"{each.name}:\n\n{each.markdown()}\n".split("\n"):
             summary(line)
@@ -164,8 +164,7 @@ def _learn(names: list[str], args: argparse.Namespace) -> None:
         raise UsageError(f"experiment {', '.join(names)} writes no table: leave --table out")
     folder = Path(args.table)
     check_parent(folder / "tables")
-    with status("starting") as show:
-        learn(args.seeds, folder, show)
+    learn(args.seeds, folder, note)
     summary(f"{folder}: tables of probabilities, learnt on {number_of(args.seeds, 'street')}")
 
 

@@ -8,6 +8,7 @@ of the finished trials, one trial a line, so that an interrupted experiment goes
 from __future__ import annotations
 
 import json
+import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, field, replace
@@ -136,7 +137,7 @@ def run_experiments(
     resume : bool
         Leave out the trials that ``NAME.jsonl`` of an interrupted run has.
     progress : callable
-        Called with a text after each trial.
+        Called after each trial with its name, its number, and the seconds since the first began.
 
     Raises
     ------
@@ -152,6 +153,7 @@ def run_experiments(
             path.unlink(missing_ok=True)
     left = [trial for trial in trials if trial not in finished]
     failed: dict[Trial, str] = {}
+    begin_s = time.monotonic()
     for number, (trial, of_trial) in enumerate(mapped(workers, run_trial, left), 1):
         if isinstance(of_trial, Exception):
             failed[trial] = error_text(of_trial)
@@ -160,7 +162,11 @@ def run_experiments(
             with paths[trial.experiment].open("a", encoding="utf-8") as file:
                 file.write(line + "\n")
             finished[trial] = json.loads(line)[-1]
-        progress(f"{number} of {len(left)} trials" + f", {len(failed)} failed" * bool(failed))
+        seconds = time.monotonic() - begin_s
+        progress(
+            f"{_name(trial)}: trial {number} of {len(left)}, after {seconds:.0f} s"
+            + f", {len(failed)} failed" * bool(failed)
+        )
     measured = []
     for name, path in paths.items():
         mine = [trial for trial in trials if trial.experiment == name]
@@ -172,10 +178,14 @@ def run_experiments(
             path.unlink(missing_ok=True)
     for trial, error in failed.items():
         raise EdgeVprError(
-            f"{trial.experiment}, {trial.drives}, seed {trial.seed}: {error} ({len(failed) - 1} "
-            "more trials failed; --resume tries them again)"
+            f"{_name(trial)}: {error} ({len(failed) - 1} more trials failed; --resume tries them "
+            "again)"
         )
     return measured
+
+
+def _name(trial: Trial) -> str:
+    return f"{trial.experiment}, {trial.drives}, seed {trial.seed}"
 
 
 def _key(trial: Trial) -> tuple[str, int, tuple[str, ...]]:

@@ -73,9 +73,8 @@ class Health:
     stalls: int = 0  #: Silences of more than a second after the first byte.
     odometer_leaps: int = 0  #: Leaps of the odometer that are too fast for a robot.
     odometer_unused: int = 0  #: Readings left out: leaps, and of an odometer that is stuck.
-    #: Metres in the last minute: by the odometer, and along the route by the matches.
-    odometer_m: float = _no_fault(0.0)
-    route_m: float = _no_fault(0.0)
+    #: Metres by the odometer since its first reading; None without one.
+    odometer_m: float | None = _no_fault(None)
     misfits: int = 0  #: Matches in another place or light than the map's, by their misfit.
     #: lag_us, longest_lag_us: how much later than the quickest events the newest ones were matched,
     #: and the latest ones, by the clocks of camera and host. It includes bytes that waited in the

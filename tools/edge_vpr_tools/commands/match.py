@@ -101,10 +101,12 @@ def run(args: argparse.Namespace) -> None:
     from edge_vpr.archive import archive_kind, write_npy
     from edge_vpr.evaluation.match_tracks import check_track_file
     from edge_vpr.evaluation.tables import load_odometry
+    from edge_vpr.map_making import of_part
     from edge_vpr.match_result import OnlineMetrics
     from edge_vpr.matching.drive import query_distances
     from edge_vpr.reference_map import KIND as MAP_KIND
     from edge_vpr.reference_map import ReferenceMap
+    from edge_vpr.route import length_m
     from edge_vpr_tools.inputs import describe_faults, describe_removed, open_source, tracked
     from edge_vpr_tools.report.verdict import outcome_of
 
@@ -146,9 +148,10 @@ def run(args: argparse.Namespace) -> None:
     warn_of_few_places(args.map, result.reference)
     facts = []
     if odometry is not None:
-        along = reference.along_mm
-        along_m = None if along is None else along[matches.place] / 1e3
-        facts.append(odometry.beside(matches.time_us, along_m, matches.lost == 0))
+        along_mm = reference.along_mm
+        assert along_mm is not None  # else matching refuses odometry
+        route_m = length_m(along_mm / 1e3, reference.settings.window_parts)
+        facts.append(of_part(recording, odometry).beside(matches.time_us, route_m))
     with results.results_folder(output, args.overwrite) as folder:
         result.write(folder, inputs)
         outcome = outcome_of(result.reference, matches)
@@ -186,7 +189,8 @@ def run(args: argparse.Namespace) -> None:
     if not args.no_figures:
         summary(
             f"see {output / results.REPORT}; next, compare with the truth: "
-            f"edge-vpr evaluate {shell_word(output)} --help"
+            f"edge-vpr evaluate {shell_word(output)} --ground-truth MAP_TRACK QUERY_TRACK "
+            "--tolerance METRES"
         )
 
 

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import argparse
 import os
+import time
 from pathlib import Path
 
 from edge_vpr.errors import EdgeVprError, UsageError
-from edge_vpr_tools.console import number_of, status, summary, warning
+from edge_vpr_tools.console import note, number_of, status, summary, warning
 from edge_vpr_tools.flags import add_output_flags
 
 EXAMPLES = """\
@@ -66,7 +67,8 @@ def run(args: argparse.Namespace) -> None:
     else:
         started = processes(os.cpu_count() or 1 if args.workers is None else args.workers)
     lost: list[str] = []
-    with appending(output) as append, started as workers, status("starting") as say:
+    with appending(output) as append, started as workers, status("running"):
+        begin_s = time.monotonic()
         for number, (trial, result) in enumerate(mapped(workers, run_trial, left), 1):
             name = f"{trial.variant}, {trial.drives}, seed {trial.settings.seed}"
             if isinstance(result, Exception):
@@ -79,7 +81,8 @@ def run(args: argparse.Namespace) -> None:
             else:
                 append(trial, result)
             failed = f", {len(lost)} failed" if lost else ""
-            say(f"{number} of {len(left)} trials{failed}")
+            seconds = time.monotonic() - begin_s
+            note(f"{name}: trial {number} of {len(left)}, after {seconds:.0f} s{failed}")
     put_in_order(output, trials)
     show(rows_of([output]))
     for line in lost[:_MOST_SHOWN]:

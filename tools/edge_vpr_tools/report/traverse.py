@@ -224,6 +224,10 @@ def tolerance_table(evaluations: Mapping[str, Evaluation]) -> tuple[list[str], l
 
 
 def _figures_of(evaluation: Evaluation) -> list[tuple[str, str, str]]:
+    matches = evaluation.matches
+    ranked = "nearest"
+    if matches.settings.matching == "filter" and matches.candidates.shape[1] > 1:
+        ranked = "with the filter's least metrics; a match is the middle of those near the least"
     return [
         ("P@100R", f"{evaluation.precision_at_100_recall:.3f}",
          "share of correct matches when every query is matched"),
@@ -232,7 +236,7 @@ def _figures_of(evaluation: Evaluation) -> list[tuple[str, str, str]]:
          f"{MISSED[evaluation.recall_denominator]}"),
         ("average precision", f"{evaluation.average_precision:.3f}",
          "area under the precision-recall curve, as a sum of steps"),
-        *((f"Recall@{n}", f"{recall:.3f}", f"a correct place is among the {n} nearest")
+        *((f"Recall@{n}", f"{recall:.3f}", f"a correct place is among the {n} {ranked}")
           for n, recall in evaluation.recall_at.items()),
         *_trust_figures(evaluation),
         ("queries", f"{evaluation.queries}", "number of queries evaluated"),
