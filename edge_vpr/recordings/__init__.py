@@ -54,6 +54,7 @@ from edge_vpr.recordings.reading import (
     crop_of,
     foreign_errors,
 )
+from edge_vpr.results import MATCHES, RUN, read_run
 
 __all__ = [
     "FORMATS",
@@ -407,6 +408,11 @@ def _sniff_zip(path: Path) -> str:
 
 
 def _sniff_folder(path: Path) -> str:
+    if (path / MATCHES).is_file() and (path / RUN).is_file():
+        inputs = ", ".join(file.path for file in read_run(path).inputs)
+        demo = "no recording: the demo's drive is street/query.npz of edge-vpr simulate -o street"
+        of = f"{inputs}: name the recording among them" if inputs else demo
+        raise RecordingError(f"{path} is a folder of results of {of}")
     if (path / "metadata.yaml").exists() or any(path.glob("*.db3")) or any(path.glob("*.mcap")):
         return "rosbag2"
     if any(path.glob("*.png")) or any(path.glob("*.npy")):

@@ -14,11 +14,13 @@ import pytest
 from edge_vpr_tools.cli import main
 
 from edge_vpr.archive import write_archive
+from edge_vpr.errors import UsageError
 from edge_vpr.events import Sensor, join_events
 from edge_vpr.match_result import MatchResult
 from edge_vpr.matching.matches import Matches
 from edge_vpr.recordings import Recording, open_recording, write_recording
 from edge_vpr.reference_map import ReferenceMap
+from edge_vpr.simulation import simulate_pair
 from tests.streams import random_events, write_drives
 
 SENSOR = Sensor(16, 12)
@@ -72,6 +74,34 @@ def test_match_leaves_a_folder_that_explains_itself(drive):
     assert page.count("<svg ") == 3
     assert 'src="http' not in page
     assert "href=" not in re.sub('href="(#|data:image/png;base64,)', "", page)
+
+
+def test_a_folder_of_results_in_place_of_a_recording_names_its_recording(drive, tmp_path, capsys):
+    results, out = tmp_path / "results", tmp_path / "out.npz"
+    shutil.copytree(drive / "results", results)
+    says = f"results of {drive / 'map.npz'}, {drive / 'query.npz'}: name the recording among them"
+    refused(capsys, "map", results, "-o", out, code=1, says=says)
+    run = json.loads((results / "run.json").read_text())
+    (results / "run.json").write_text(json.dumps(run | {"inputs": []}))  # as of the demo
+    (results / "figure.png").touch()
+    refused(capsys, "map", results, "-o", out, code=1, says="of edge-vpr simulate -o street")
+
+
+def test_the_drive_of_the_demo_is_that_of_simulate(tmp_path, monkeypatch):
+    """As its folder of results says in place of a recording."""
+    pairs = []
+
+    def noted(*arguments, **changes):
+        pairs.append(simulate_pair(*arguments, **changes))
+        raise UsageError("these are enough")
+
+    monkeypatch.setattr("edge_vpr.simulation.simulate_pair", noted)
+    assert main(["simulate", "-o", str(tmp_path / "street")]) == 2
+    assert main(["demo", "-o", str(tmp_path / "demo")]) == 2
+    simulated, demo = (
+        [(drive.world, drive.camera, drive.drive, drive.seed) for drive in pair] for pair in pairs
+    )
+    assert simulated == demo
 
 
 def test_settings_lie_flags_over_file_over_preset(drive, tmp_path):
