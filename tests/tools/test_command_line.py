@@ -493,7 +493,7 @@ def test_a_name_in_a_command_to_copy_is_that_name_in_a_shell(drive, tmp_path, ca
     words = ["match", str(drive / "map.npz"), str(drive / "drive.npz"), "-o", str(folder)]
     assert cli.main(words) == 0
     said = capsys.readouterr().out
-    (word,) = re.findall(r"^see .*: edge-vpr evaluate (.*) --help$", said, re.MULTILINE)
+    (word,) = re.findall(r"^see .*: edge-vpr evaluate (.*) --ground-truth MAP", said, re.MULTILINE)
     assert word.isprintable()
     shown = subprocess.run(["bash", "-c", f"printf %s {word}"], capture_output=True, check=True)
     assert shown.stdout == os.fsencode(folder)
