@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from itertools import chain
 
 from firmware_model.design import FRACTION_BITS, Design
-from firmware_model.errors import DesignError, ToolError
+from firmware_model.errors import ToolError
 from firmware_model.hardware import sources
 
 #: name of the package, and of its file
@@ -33,18 +33,7 @@ def tables(design: Design) -> tuple[str, ...]:
 
 
 def constants(design: Design) -> dict[str, int]:
-    """Return the constants of the package's first part, from which its second part follows.
-
-    Raises
-    ------
-    DesignError
-        If the design has several gains.
-    """
-    if design.gains != 1:
-        raise DesignError(
-            f"design: gains = {design.gains}: the hardware core has 1: set gains = 1, or take the "
-            "reference firmware in C, which has 7"
-        )
+    """Return the constants of the package's first part, from which its second part follows."""
     return {
         "WIDTH": design.width,
         "HEIGHT": design.height,
@@ -61,6 +50,7 @@ def constants(design: Design) -> dict[str, int]:
         "LANES": design.lanes,
         "LENGTH": design.length,
         "FILTER": int(design.filters),
+        "GAINS": design.gains,
         "STEPS": design.steps,
         "STEP_COSTS": _costs(design.step_costs),
         "RESTART": design.restart << FRACTION_BITS,

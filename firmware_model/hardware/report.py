@@ -39,6 +39,9 @@ KINDS = {
     "place filter": _FILTER,
     "place filter, contrast codes": _DEFAULT,
     "place filter, places at half windows, contrast codes": replace(_DEFAULT, places_per_window=2),
+    "place filter, places at half windows, contrast codes, seven gains": replace(
+        _DEFAULT, places_per_window=2, gains=7
+    ),
 }
 
 

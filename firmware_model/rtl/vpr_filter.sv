@@ -24,8 +24,6 @@ module vpr_filter #(
     localparam int           EVIDENCE_BITS   = vpr_pkg::EVIDENCE_BITS,
     localparam int           METRIC_BITS     = vpr_pkg::METRIC_BITS,
     localparam int           RESIDUAL_BITS   = vpr_pkg::RESIDUAL_BITS,
-    localparam int           RESIDUAL_LOW    = vpr_pkg::RESIDUAL_LOW,
-    localparam logic [RESIDUAL_BITS-1:0] RESIDUAL_TOP = RESIDUAL_BITS'(vpr_pkg::RESIDUAL_TOP),
     parameter  bit           LOADABLE        = 0
 ) (
     input  logic                     clk_i,
@@ -52,9 +50,6 @@ module vpr_filter #(
 );
     // from a place's distance to its prediction by 6 steps; the evidence takes 5, and stays for 2
     localparam int PREDICTED     = 3 + $clog2(STEPS + 1);
-    localparam int PRODUCT_BITS  = DISTANCE_BITS + RECIPROCAL_BITS - 1;
-    // fraction bits of the reciprocal, less those of a metric
-    localparam int SHIFT         = RECIPROCAL_BITS - 1 - 2;
 
     localparam logic [1:0] IDLE   = 2'd0;
     localparam logic [1:0] RUN    = 2'd1;
@@ -143,7 +138,7 @@ module vpr_filter #(
 
     logic       placed_q;  // since reset there was a best place
     logic [7:0] of_place;
-    logic       is_best, stands;
+    logic       is_best, has_few, stands;
     logic [3:0] weight;
 
     always_ff @(posedge clk_i) begin
@@ -152,32 +147,22 @@ module vpr_filter #(
     end
 
     vpr_see see (
-        .clk_i(clk_i), .rst_i(rst_i), .is_best_i(is_best), .of_place_i(of_place),
+        .clk_i(clk_i), .rst_i(rst_i), .is_best_i(is_best), .of_place_i(of_place), .slack_i(7'd55),
         .placed_i(placed_q), .paused_i(paused_i), .settled_i(settled_i),
-        .activity_inverse_i(activity_inverse_i), .weight_o(weight), .stands_o(stands)
+        .activity_inverse_i(activity_inverse_i), .weight_o(weight), .has_few_o(has_few),
+        .stands_o(stands)
     );
 
-    // 3. Evidence: the place's distance less the least one, divided by the spread, saturated, and weighted
-    // in eighths. A pause has none.
+    // 3. Evidence
 
-    logic [DISTANCE_BITS-1:0] above_q;
-    logic [PRODUCT_BITS-1:0]  product_q;
-    logic [EVIDENCE_BITS-1:0] limited_q;
-    logic [EVIDENCE_BITS+3:0] evidence_q;  // in eighths
+    logic [EVIDENCE_BITS-1:0] against;
+    logic [RESIDUAL_BITS-1:0] residual;
 
-    // half of a reciprocal of 2^16: a shift of one bit less
-    wire [PRODUCT_BITS-SHIFT:0] divided =
-        whole ? product_q[PRODUCT_BITS-1:SHIFT-1] : {1'b0, product_q[PRODUCT_BITS-1:SHIFT]};
-    wire [EVIDENCE_BITS-1:0]    against = evidence_q[EVIDENCE_BITS+2:3];
-
-    always_ff @(posedge clk_i) begin
-        // with a carry into the lowest bit
-        above_q    <= DISTANCE_BITS'(({here_q, 1'b1} + {nearest_inverse_q, 1'b1}) >> 1);
-        product_q  <= PRODUCT_BITS'(above_q) * PRODUCT_BITS'(factor);
-        limited_q  <= paused_i ? '0
-                    : (divided >> EVIDENCE_BITS) != 0 ? '1 : EVIDENCE_BITS'(divided);
-        evidence_q <= (EVIDENCE_BITS + 4)'(limited_q) * (EVIDENCE_BITS + 4)'(weight);
-    end
+    vpr_evidence evidence (
+        .clk_i(clk_i), .paused_i(paused_i), .distance_i(here_q),
+        .nearest_inverse_i(nearest_inverse_q), .whole_i(whole), .factor_i(factor), .weight_i(weight),
+        .against_o(against), .residual_o(residual)
+    );
 
     // 2. Predict, from the metrics of the window before
 
@@ -224,8 +209,7 @@ module vpr_filter #(
         sum_valid_o <= valid_q[PREDICTED-1];
         if (valid_q[PREDICTED-1]) begin
             sum_inverse_q <= |metric[EVIDENCE_BITS:METRIC_BITS] ? '0 : ~metric[METRIC_BITS-1:0];
-            residual_o    <= (against >> RESIDUAL_BITS) != 0 || &against[RESIDUAL_BITS-1:RESIDUAL_LOW]
-                ? RESIDUAL_TOP : RESIDUAL_BITS'(against);
+            residual_o    <= residual;
             place_o       <= place_o + 1'b1;
         end
         if (begins) place_o <= '1;
@@ -241,5 +225,5 @@ module vpr_filter #(
         .is_best_o(is_best), .told_o(told_o)
     );
 
-    wire unused = &{1'b0, product_q[SHIFT-1:0], farther, evidence_q};
+    wire unused = &{1'b0, farther, has_few};
 endmodule
