@@ -78,14 +78,14 @@ def package_with(values: Mapping[str, int]) -> str:
     text = sources.text_of(f"{PACKAGE}.sv")
     for name, value in values.items():
         pattern = rf"(localparam (int|bit|logic \[(\d+):0\])\s+{name}\s*=\s*)[^;]+;"
-        found = re.search(pattern, text)
-        if found is None:
+        match = re.search(pattern, text)
+        if match is None:
             raise ToolError(f"{PACKAGE}.sv has no constant {name}: name one of its localparams")
-        bits = int(found[3] or 0) + 1
-        size = {"int": "", "bit": "1'd"}.get(found[2], f"{bits}'d")
+        bits = int(match[3] or 0) + 1
+        size = {"int": "", "bit": "1'd"}.get(match[2], f"{bits}'d")
         # tools read wide numbers in hexadecimal alone
         shown = f"{bits}'h{value:x}" if bits > 64 else f"{size}{value}"
-        text = f"{text[: found.start()]}{found[1]}{shown};{text[found.end() :]}"
+        text = f"{text[: match.start()]}{match[1]}{shown};{text[match.end() :]}"
     return text
 
 

@@ -50,7 +50,7 @@ module vpr_bank #(
     output logic [PLACE_BITS-1:0]    place_o,
     output logic [METRIC_BITS-1:0]   least_o,
     output logic [RESIDUAL_BITS-1:0] residual_o,
-    input  logic                     found_i,
+    input  logic                     ends_i,
     input  logic [PLACE_BITS-1:0]    best_i,
     input  logic [METRIC_BITS-1:0]   best_sum_i,
     output logic [PLACE_BITS-1:0]    told_o
@@ -197,7 +197,7 @@ module vpr_bank #(
     // 3. Evidence: each sum has a reciprocal of its own, from the window before if that had one
 
     logic [DISTANCE_BITS-1:0]   kept, here_q, nearest_inverse_q;
-    logic                       deviates_q, known, whole;
+    logic                       deviates_q, has_spread, whole;
     logic [RECIPROCAL_BITS-2:0] factor;
     logic [SUMS*SCALE_BITS-1:0] scales_q;  // of this sum, of the next, and of the one behind it
     logic [SCALE_BITS-2:0]      scale_q;
@@ -224,8 +224,8 @@ module vpr_bank #(
 
     vpr_spread spread (
         .clk_i(clk_i), .rst_i(rst_i), .clear_i(compare_o), .valid_i(deviates_q), .distance_i(here_q),
-        .of_mean_i(state_q == FOR_MEAN), .divide_i(divide_q), .done_o(done), .known_o(known),
-        .whole_o(whole), .factor_o(factor)
+        .of_mean_i(state_q == FOR_MEAN), .divide_i(divide_q), .done_o(done),
+        .has_spread_o(has_spread), .whole_o(whole), .factor_o(factor)
     );
 
     vpr_ram #(
@@ -259,11 +259,11 @@ module vpr_bank #(
         visited_q <= visits;
         based_q   <= state_q == OF_GAIN && (based_q || item);
         by_gain_q <= activity_inverse_i + {7'(lane_q) - 7'd4, 3'd0};
-        if (found_i) base_q <= best_sum_i;
+        if (ends_i) base_q <= best_sum_i;
         else if (item && state_q == OF_GAIN && !based_q) base_q <= ~former_inverse;
-        if (found_i) least_q <= best_sum_i;
+        if (ends_i) least_q <= best_sum_i;
         offset_q  <= placed_q ? base_q - least_q : '0;
-        if (found_i) placed_q <= 1'b1;
+        if (ends_i) placed_q <= 1'b1;
         if (rst_i) placed_q <= 1'b0;
     end
 
@@ -369,10 +369,10 @@ module vpr_bank #(
     // 4. What is told of the best place, which vpr_search finds. Trust: vpr_trust
 
     vpr_middle middle (
-        .clk_i(clk_i), .rst_i(rst_i), .found_i(found_i), .best_i(best_i),
+        .clk_i(clk_i), .rst_i(rst_i), .ends_i(ends_i), .best_i(best_i),
         .visits_o(visits), .place_o(visited), .above_i(above),
         .is_best_o(is_best), .told_o(told_o)
     );
 
-    wire unused = &{1'b0, farther, known, below_raised, below_lowest, worse};
+    wire unused = &{1'b0, farther, has_spread, below_raised, below_lowest, worse};
 endmodule

@@ -183,7 +183,7 @@ module vpr_core #(
                     .settled_i(settled), .activity_inverse_i(activity_inverse), .idle_o(filter_idle),
                     .compare_o(compares), .sum_o(sum_compared), .distance_valid_i(distance_valid),
                     .distance_i(distance), .least_valid_o(sum_valid), .least_last_o(sum_last),
-                    .place_o(place), .least_o(sum), .residual_o(residual), .found_i(ends_search),
+                    .place_o(place), .least_o(sum), .residual_o(residual), .ends_i(ends_search),
                     .best_i(best), .best_sum_i(best_sum), .told_o(told)
                 );
             end else begin : g_one_gain
@@ -192,7 +192,7 @@ module vpr_core #(
                     .load_word_i(load_word_i), .start_i(compare_q), .paused_i(paused), .settled_i(settled),
                     .activity_inverse_i(activity_inverse), .idle_o(filter_idle),
                     .distance_valid_i(distance_valid), .distance_i(distance), .sum_valid_o(sum_valid), .sum_last_o(sum_last), .place_o(place),
-                    .sum_o(sum), .residual_o(residual), .found_i(ends_search), .best_i(best),
+                    .sum_o(sum), .residual_o(residual), .ends_i(ends_search), .best_i(best),
                     .best_sum_i(best_sum), .told_o(told)
                 );
             end

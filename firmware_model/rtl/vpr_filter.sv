@@ -11,7 +11,7 @@
 // metrics begins before the window's activity stands (`settled_i`): it says what the evidence weighs,
 // and what steps cost.
 //
-// `residual_o` is the evidence that the metric has, saturated at RESIDUAL_TOP. `found_i` says that
+// `residual_o` is the evidence that the metric has, saturated at RESIDUAL_TOP. `ends_i` says that
 // the search stands at `best_i` and `best_sum_i`, the least metric; `told_o` follows, see vpr_middle.
 // Distances come two clocks apart at least, and so do metrics.
 module vpr_filter #(
@@ -43,7 +43,7 @@ module vpr_filter #(
     output logic [PLACE_BITS-1:0]    place_o,
     output logic [METRIC_BITS-1:0]   sum_o,
     output logic [RESIDUAL_BITS-1:0] residual_o,
-    input  logic                     found_i,
+    input  logic                     ends_i,
     input  logic [PLACE_BITS-1:0]    best_i,
     input  logic [METRIC_BITS-1:0]   best_sum_i,
     output logic [PLACE_BITS-1:0]    told_o
@@ -67,7 +67,7 @@ module vpr_filter #(
     // a clock behind the place, as memory gives it late
     logic                       deviates_q;
     logic [DISTANCE_BITS-1:0]   here_q;
-    logic                       known, whole;
+    logic                       has_spread, whole;
     logic [RECIPROCAL_BITS-2:0] factor;  // see vpr_spread
 
     // A place: its distance comes from the distance unit, or later from memory
@@ -80,7 +80,7 @@ module vpr_filter #(
     assign idle_o = state_q == IDLE && !waiting_q;
     // the next pass: one after the mean, unless this window's own spread is needed first
     wire [1:0]               pass_d =
-        pass_q == FOR_MEAN && !known ? FOR_SPREAD : FOR_METRICS;
+        pass_q == FOR_MEAN && !has_spread ? FOR_SPREAD : FOR_METRICS;
 
     always_ff @(posedge clk_i) begin
         waiting_q        <= start_i || (waiting_q && paused_i && !settled_i);
@@ -124,7 +124,7 @@ module vpr_filter #(
     vpr_spread scale (
         .clk_i(clk_i), .rst_i(rst_i), .clear_i(begins), .valid_i(deviates_q), .distance_i(here_q),
         .of_mean_i(pass_q == FOR_MEAN), .divide_i(divide_q), .done_o(done),
-        .known_o(known), .whole_o(whole), .factor_o(factor)
+        .has_spread_o(has_spread), .whole_o(whole), .factor_o(factor)
     );
 
     vpr_ram #(
@@ -142,7 +142,7 @@ module vpr_filter #(
     logic [3:0] weight;
 
     always_ff @(posedge clk_i) begin
-        if (found_i) placed_q <= 1'b1;
+        if (ends_i) placed_q <= 1'b1;
         if (rst_i) placed_q <= 1'b0;
     end
 
@@ -174,7 +174,7 @@ module vpr_filter #(
     wire [PLACE_BITS-1:0] place   = visits ? visited : index_q;
     wire                  metrics = item && pass_q == FOR_METRICS;
 
-    always_ff @(posedge clk_i) if (found_i) least_q <= best_sum_i;
+    always_ff @(posedge clk_i) if (ends_i) least_q <= best_sum_i;
 
     vpr_ram #(
         .DEPTH(PLACES), .BITS(METRIC_BITS), .ADDRESS_BITS(PLACE_BITS)
@@ -220,7 +220,7 @@ module vpr_filter #(
     end
 
     vpr_middle middle (
-        .clk_i(clk_i), .rst_i(rst_i), .found_i(found_i), .best_i(best_i),
+        .clk_i(clk_i), .rst_i(rst_i), .ends_i(ends_i), .best_i(best_i),
         .visits_o(visits), .place_o(visited), .above_i(above),
         .is_best_o(is_best), .told_o(told_o)
     );
