@@ -40,14 +40,16 @@ def memories(design: Design, slow_blocks: bool = False) -> dict[str, Memory]:
         differences to them; the descriptor that is compared; the places; the distances of the
         last L windows, or the filter's metrics and distances, powers of two for logarithms of
         events, activities and biases of places, and costs by these activities; the delay line of
-        the search.
+        the search. With several gains, a place has metrics of each and the least of them, and so
+        has one behind the last; there are means and descriptors of each sum of windows, and counts
+        of the windows before.
     """
     bits = widths_of(design)
     lanes = design.lanes * bits["code"]
     if design.filters:
         cost_bits = max(map(max, design.step_costs)).bit_length()
         kept = {
-            "metric": Memory(design.places, bits["metric"]),
+            "metric": Memory(_metrics(design), bits["metric"]),
             "place_activity": Memory(design.places, bits["place_activity"]),
             "place_bias": Memory(design.places, bits["place_bias"]),
             # a row a quarter of an octave, of 16 octaves
@@ -60,22 +62,33 @@ def memories(design: Design, slow_blocks: bool = False) -> dict[str, Memory]:
         kept = {"history": Memory(design.length * design.places, bits["distance"])}
     if design.contrast:
         kept["level"] = Memory(design.count_max + 1, bits["level"])
-        kept["mean"] = Memory(design.slots, bits["mean"])
+        kept["mean"] = Memory(design.sums * design.slots, bits["mean"])
         kept["first_mean"] = Memory(design.slots, bits["level"])
         kept["limit"] = Memory(design.slots, bits["limit"])
         # with sign and rounding
         kept["deviation"] = Memory(design.slots, bits["level"] + 2)
+    descriptors = design.words
+    if design.gains > 1:
+        # of the window before; the sums of two windows that end with it, and with the one before it
+        kept["before"] = Memory(design.slots, 3 * bits["count"])
+        # each at a power of two
+        descriptors = design.sums << max(1, (design.words - 1).bit_length())
     return {
         "displacement": Memory(design.height, bits["address"]),
         "lookup": Memory(design.lookup_depth, bits["owner"] + bits["slot"]),
         # while its entry is read: row of a pixel, and whether it is off the sensor
         "pixel_delay": Memory(3 if slow_blocks else 2, bits["row"] + 1),
         "counts": Memory(design.slots, bits["count"]),
-        "query": Memory(design.words, lanes),
+        "query": Memory(descriptors, lanes),
         "places": Memory(design.places * design.words, lanes),
         **kept,
         "delay": Memory(design.exclusion + 1, bits["sum"]),
     }
+
+
+def _metrics(design: Design) -> int:
+    """Return the number of metrics that the filter keeps."""
+    return design.places if design.gains == 1 else (design.places + 1) * (design.gains + 1)
 
 
 class Cycles(NamedTuple):
@@ -98,7 +111,8 @@ def cycles(design: Design) -> Cycles:
     With sequences, a place takes ``ceil(slots / P)`` cycles in the distance unit and L in the
     sequence unit. The units work in parallel, so that the longer time counts. After the last
     distance come its L terms, the search, and the acceptance test. With the filter, the count is
-    for a window that is neither the first nor a pause.
+    for a window that is neither the first nor a pause; with several gains, for one in which they
+    look at all sums of windows.
     """
     if design.filters:
         parts = filter_cycles(design)
@@ -114,10 +128,11 @@ def encoding_cycles(design: Design) -> int:
     """Count the clock cycles of encoding a window: one a slot.
 
     Contrast codes take a second pass over the slots, behind the division for the mean of the first.
+    With several gains, each sum of windows is encoded.
     """
     if not design.contrast:
         return design.slots
-    return 2 * design.slots + window_mean_cycles(design)
+    return design.sums * (2 * design.slots + window_mean_cycles(design))
 
 
 def window_mean_cycles(design: Design) -> int:
@@ -129,7 +144,9 @@ class FilterCycles(NamedTuple):
     """Clock cycles of the filter's parts.
 
     Distances to all places, P codes in a cycle; the mean; the metrics, a place in two
-    cycles; the spread and its reciprocal.
+    cycles; the spread and its reciprocal. With several gains, each sum of windows has distances, a
+    mean and a spread, which takes a pass of its own; and beside the pass of each gain, two go over
+    all metrics for changes of gain, the second, in `scale`, behind the match.
     """
 
     compare: int
@@ -146,7 +163,16 @@ def filter_cycles(design: Design) -> FilterCycles:
     """
     form = formats_of(design)
     total, compare = form["distance_total"].width, design.places * design.words
-    return FilterCycles(compare, total, 2 * design.places, total + form["reciprocal"].width)
+    scale, sums = total + form["reciprocal"].width, design.sums
+    if design.gains == 1:
+        return FilterCycles(compare, total, 2 * design.places, scale)
+    changes = 2 * _metrics(design)
+    return FilterCycles(
+        compare=sums * compare,
+        mean=sums * total,
+        advance=2 * design.gains * design.places + changes,
+        scale=sums * (scale + 2 * design.places) + changes,
+    )
 
 
 class Operations(NamedTuple):

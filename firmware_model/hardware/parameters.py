@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from itertools import chain
 
 from firmware_model.design import FRACTION_BITS, Design
-from firmware_model.errors import DesignError, ToolError
+from firmware_model.errors import ToolError
 from firmware_model.hardware import sources
 
 #: name of the package, and of its file
@@ -33,18 +33,7 @@ def tables(design: Design) -> tuple[str, ...]:
 
 
 def constants(design: Design) -> dict[str, int]:
-    """Return the constants of the package's first part, from which its second part follows.
-
-    Raises
-    ------
-    DesignError
-        If the design has several gains.
-    """
-    if design.gains != 1:
-        raise DesignError(
-            f"design: gains = {design.gains}: the hardware core has 1: set gains = 1, or take the "
-            "reference firmware in C, which has 7"
-        )
+    """Return the constants of the package's first part, from which its second part follows."""
     return {
         "WIDTH": design.width,
         "HEIGHT": design.height,
@@ -61,6 +50,7 @@ def constants(design: Design) -> dict[str, int]:
         "LANES": design.lanes,
         "LENGTH": design.length,
         "FILTER": int(design.filters),
+        "GAINS": design.gains,
         "STEPS": design.steps,
         "STEP_COSTS": _costs(design.step_costs),
         "RESTART": design.restart << FRACTION_BITS,
@@ -88,14 +78,14 @@ def package_with(values: Mapping[str, int]) -> str:
     text = sources.text_of(f"{PACKAGE}.sv")
     for name, value in values.items():
         pattern = rf"(localparam (int|bit|logic \[(\d+):0\])\s+{name}\s*=\s*)[^;]+;"
-        found = re.search(pattern, text)
-        if found is None:
+        match = re.search(pattern, text)
+        if match is None:
             raise ToolError(f"{PACKAGE}.sv has no constant {name}: name one of its localparams")
-        bits = int(found[3] or 0) + 1
-        size = {"int": "", "bit": "1'd"}.get(found[2], f"{bits}'d")
+        bits = int(match[3] or 0) + 1
+        size = {"int": "", "bit": "1'd"}.get(match[2], f"{bits}'d")
         # tools read wide numbers in hexadecimal alone
         shown = f"{bits}'h{value:x}" if bits > 64 else f"{size}{value}"
-        text = f"{text[: found.start()]}{found[1]}{shown};{text[found.end() :]}"
+        text = f"{text[: match.start()]}{match[1]}{shown};{text[match.end() :]}"
     return text
 
 

@@ -109,11 +109,6 @@ def write_project(
         Size of the golden vectors, see `vectors.suite.cases_within`.
     on_case : callable, optional
         Called with the name of each case before it is computed.
-
-    Raises
-    ------
-    DesignError
-        If the core does not have the design's gains; nothing is written then.
     """
     design = memories.design
     text = package(design)

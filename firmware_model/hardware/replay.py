@@ -56,7 +56,7 @@ def hold_random_designs(
     """
     rng = np.random.default_rng(conditions.seed)
     for at in range(number):
-        design = random_adaptive_design(rng) if at % 2 else random_design(rng)
+        design = random_adaptive_design(rng, gains=(1, 7)) if at % 2 else random_design(rng)
         if at < skip:
             continue
         its_own = conditions._replace(seed=conditions.seed + at)

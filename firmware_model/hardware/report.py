@@ -39,6 +39,9 @@ KINDS = {
     "place filter": _FILTER,
     "place filter, contrast codes": _DEFAULT,
     "place filter, places at half windows, contrast codes": replace(_DEFAULT, places_per_window=2),
+    "place filter, places at half windows, contrast codes, seven gains": replace(
+        _DEFAULT, places_per_window=2, gains=7
+    ),
 }
 
 
@@ -87,14 +90,14 @@ def measure(
         write_tables(design, folder)
         key = f"{board.fpga} {_digest(folder, board)}"
         kept = _read(keep)
-        known = kept.setdefault(key, {})
+        by_seed = kept.setdefault(key, {})
         for seed in seeds:
-            if str(seed) in known:
+            if str(seed) in by_seed:
                 continue
             if not (folder / "core.json").exists():
                 synthesize(folder, board)
             log = _place(folder, board, "--seed", str(seed), "--timing-allow-fail")
-            known[str(seed)] = {
+            by_seed[str(seed)] = {
                 "cells": _cells(log, board),
                 "megahertz": _megahertz(log),
                 "tools": [version("yosys", "-V"), version(board.placer, "--version")],
@@ -103,7 +106,7 @@ def measure(
                 beside = keep.with_name(f"{keep.name}.part")
                 beside.write_text(json.dumps(kept, indent=1) + "\n", encoding="utf-8")
                 beside.replace(keep)
-    rows = [known[str(seed)] for seed in seeds]
+    rows = [by_seed[str(seed)] for seed in seeds]
     return Report(
         {what: (taken, there) for what, (taken, there) in rows[0]["cells"].items()},
         {seed: row["megahertz"] for seed, row in zip(seeds, rows, strict=True)},
@@ -137,10 +140,10 @@ def _digest(folder: Path, board: Board) -> str:
 def _cells(log: str, board: Board) -> dict[str, tuple[int, int]]:
     cells = {}
     for what, kind in board.resources.items():
-        found = re.search(rf"{kind}:\s*(\d+)/\s*(\d+)", log)
-        if found is None:
+        match = re.search(rf"{kind}:\s*(\d+)/\s*(\d+)", log)
+        if match is None:
             raise ToolError(f"{board.placer} says nothing of {kind}: another version of it?")
-        cells[what] = int(found[1]), int(found[2])
+        cells[what] = int(match[1]), int(match[2])
     return cells
 
 
@@ -217,8 +220,8 @@ def version(tool: str, flag: str) -> str:
     """Return the name of a tool and its version."""
     done = subprocess.run([tool, flag], capture_output=True, text=True, check=False)
     said = (done.stdout + done.stderr).strip()
-    found = re.search(r"(?:Yosys|Version) ([\w.+~-]+)", said)
-    return f"{tool} {found[1].rstrip(')') if found else said}"
+    match = re.search(r"(?:Yosys|Version) ([\w.+~-]+)", said)
+    return f"{tool} {match[1].rstrip(')') if match else said}"
 
 
 def to_csv(reports: Mapping[str, Mapping[str, Report]]) -> str:

@@ -115,10 +115,10 @@ def replay(
         If Icarus Verilog is not installed, or the testbench ends with a fault.
     """
     said = run_bench(program, case, name, results, conditions)
-    found = re.search(r"at most (\d+) in a row, cycles a match (\d+) to (\d+)", said)
-    if found is None:
+    match = re.search(r"at most (\d+) in a row, cycles a match (\d+) to (\d+)", said)
+    if match is None:
         raise ToolError(f"the testbench of {name} did not come to its end: {said.strip()}")
-    in_a_row, least, most = map(int, found.groups())
+    in_a_row, least, most = map(int, match.groups())
     return Replay(read_results(results), least, most, in_a_row)
 
 
@@ -163,16 +163,16 @@ class Programs:
 
     def __init__(self, work: Path, rtl: Path) -> None:
         self._work, self._rtl = work, rtl
-        self._known: dict[tuple[str, bool], Path] = {}
+        self._compiled: dict[tuple[str, bool], Path] = {}
 
     def of(self, case: Path, *, slow_blocks: bool) -> Path:
         """Return the program for the design of a case; raises as `compile_bench`."""
         package = case / f"{PACKAGE}.sv"
         key = package.read_text(encoding="ascii"), slow_blocks
-        if key not in self._known:
-            self._known[key] = self._work / f"design_{len(self._known)}{INTERPRETED}"
-            compile_bench(package, self._known[key], self._rtl, slow_blocks=slow_blocks)
-        return self._known[key]
+        if key not in self._compiled:
+            self._compiled[key] = self._work / f"design_{len(self._compiled)}{INTERPRETED}"
+            compile_bench(package, self._compiled[key], self._rtl, slow_blocks=slow_blocks)
+        return self._compiled[key]
 
 
 def replay_vectors(

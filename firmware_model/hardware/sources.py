@@ -11,11 +11,11 @@ FOLDER = Path(__file__).parents[1] / "rtl"
 MEMORIES = ("vpr_rom.sv", "vpr_ram.sv", "vpr_ram_single.sv")
 UNITS = (
     "vpr_delay.sv", "vpr_pixel_lookup.sv", "vpr_window_timer.sv", "vpr_window_quota.sv",
-    "vpr_counters.sv", "vpr_events.sv", "vpr_logarithm.sv", "vpr_activity.sv",
+    "vpr_counters.sv", "vpr_events.sv", "vpr_logarithm.sv", "vpr_activity.sv", "vpr_sums.sv",
     "vpr_running_mean.sv", "vpr_contrast.sv", "vpr_encoder.sv", "vpr_place_memory.sv",
-    "vpr_sad_lanes.sv", "vpr_distance.sv", "vpr_sequence.sv", "vpr_see.sv", "vpr_spread.sv",
-    "vpr_step_costs.sv", "vpr_prediction.sv", "vpr_middle.sv", "vpr_filter.sv", "vpr_trust.sv",
-    "vpr_search.sv", "vpr_core.sv",
+    "vpr_sad_lanes.sv", "vpr_distance.sv", "vpr_sequence.sv", "vpr_see.sv", "vpr_speed.sv",
+    "vpr_spread.sv", "vpr_evidence.sv", "vpr_step_costs.sv", "vpr_prediction.sv", "vpr_middle.sv",
+    "vpr_filter.sv", "vpr_bank.sv", "vpr_trust.sv", "vpr_search.sv", "vpr_core.sv",
 )  # fmt: skip
 #: the core; the package of a design comes first
 DEVICE = (*MEMORIES, *UNITS)

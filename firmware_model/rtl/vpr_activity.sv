@@ -1,7 +1,7 @@
 // Mean activity, the running mean number of events in a window in units of 1/256 event, and the
 // activity of the window that ended: floor(16 log2(1 + its events)) less the same of the mean activity
-// before it, in whole events (LOGARITHMS); -368, the least value, for a window without events. The
-// open window is a pause (`pauses_o`) if it has no events, or less than 1/8 of the mean activity.
+// before it, in whole events (LOGARITHMS), or with several gains of what it was at the start; -368, the
+// least value, for a window without events. The open window is a pause (`pauses_o`) if it has no events, or less than 1/8 of the mean activity.
 //
 // At `window_end_i` the mean activity moves by 1/64 of its difference to the events of the window,
 // which saturate; in a pause it falls by 1/1024. This takes one clock per bit, while `settled_o` is
@@ -11,6 +11,7 @@
 module vpr_activity #(
     localparam int EVENTS_BITS   = vpr_pkg::WINDOW_EVENTS_BITS,
     localparam int ACTIVITY_BITS = vpr_pkg::ACTIVITY_BITS,
+    localparam int GAINS         = vpr_pkg::GAINS,
     localparam bit LOGARITHMS    = vpr_pkg::FILTER
 ) (
     input  logic                     clk_i,
@@ -145,12 +146,22 @@ module vpr_activity #(
 
     generate
         if (LOGARITHMS) begin : g_logarithms
-            logic       silent_q;
+            logic       silent_q, of_mean;
             logic [8:0] inverse, of_mean_q;
+
+            if (GAINS == 1) begin : g_running
+                assign of_mean = mean_q[0];
+            end else begin : g_first
+                logic [ACTIVITY_BITS-1:0] first_q;
+                assign of_mean = first_q[0];
+                always_ff @(posedge clk_i)
+                    if (load_i) first_q <= start_activity_i;
+                    else if (turns_q) first_q <= {first_q[0], first_q[ACTIVITY_BITS-1:1]};
+            end
 
             vpr_logarithm logarithm (
                 .clk_i(clk_i), .round_i(round_q), .valid_i(logged_q),
-                .number_i(of_events_q ? of_window : turns_q && mean_q[0]), .decide_i(begins),
+                .number_i(of_events_q ? of_window : turns_q && of_mean), .decide_i(begins),
                 .inverse_o(inverse)
             );
 

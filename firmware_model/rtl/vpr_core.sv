@@ -13,6 +13,7 @@
 module vpr_core #(
     localparam bit PAUSES         = vpr_pkg::PAUSES,
     localparam bit FILTER         = vpr_pkg::FILTER,
+    localparam int GAINS          = vpr_pkg::GAINS,
     localparam int EVENT_BITS     = vpr_pkg::EVENT_BITS,
     localparam int TIMESTAMP_BITS = vpr_pkg::TIMESTAMP_BITS,
     localparam int SLOT_BITS      = vpr_pkg::SLOT_BITS,
@@ -27,7 +28,8 @@ module vpr_core #(
     localparam int TRUST_BITS     = vpr_pkg::TRUST_BITS,
     localparam int MATCH_BITS     = vpr_pkg::MATCH_BITS,
     localparam logic [31:0] LARGEST_SUM = vpr_pkg::LARGEST_SUM,
-    parameter      MEMORY_STYLE   = "auto",  // of places and past distances, see vpr_ram_single
+    parameter      MEMORY_STYLE   = "auto",  // of places, past distances and metrics of several gains,
+                                             // see vpr_ram_single
     parameter      PLACES_FILE    = "",      // of the places; they may be loaded instead
     parameter      LOADABLE       = 0,       // tables are loaded, in place of their files
     // where block memories take more than half a clock: counts and delay lines are not kept in
@@ -81,6 +83,9 @@ module vpr_core #(
     logic [COUNT_BITS-1:0]      drained;
     logic [WORD_BITS-1:0]       place_word;
     logic [9:0]                 activity_inverse;
+    // with several gains there is a descriptor for each sum of newest windows, the last for the window
+    logic                       word_valid;
+    logic [1:0]                 word_sum;
 
     vpr_events #(.LOADABLE(LOADABLE), .SLOW_BLOCKS(SLOW_BLOCKS)) events (
         .clk_i(clk_i), .rst_i(rst_i), .load_i({load_i[5], load_i[1:0]}), .load_address_i(load_address_i),
@@ -103,9 +108,11 @@ module vpr_core #(
         .start_i(window_end), .paused_i(paused),
         .draining_o(draining), .drain_o(drain), .drain_slot_o(drain_slot), .drained_i(drained),
         .drained_slot_i(drained_slot),
-        .word_valid_o(m_window_tvalid), .word_ready_i(m_window_tready),
-        .word_last_o(m_window_tlast), .word_o(m_window_tdata)
+        .word_valid_o(word_valid), .word_ready_i(m_window_tready || word_sum != 0),
+        .word_last_o(m_window_tlast), .sum_o(word_sum), .word_o(m_window_tdata)
     );
+
+    assign m_window_tvalid = word_valid && word_sum == 0;
 
     generate
         if (PAUSES) begin : g_pauses
@@ -128,6 +135,8 @@ module vpr_core #(
 
     logic [31:0]                   window_q;
     logic                          begun_q, compare_q, filter_idle;
+    logic                          compares;  // the descriptor of `sum_compared` to all places
+    logic [1:0]                    sum_compared;
     logic                          place_step, place_last;
     logic                          distance_valid;
     logic [BIASED_BITS-1:0]        distance;
@@ -135,19 +144,19 @@ module vpr_core #(
     logic [PLACE_BITS-1:0]         place;
     logic [SUM_BITS-1:0]           sum;
 
-    wire query_write = m_window_tvalid && m_window_tready;
+    wire query_write = word_valid && (m_window_tready || word_sum != 0);
 
     vpr_place_memory #(.MEMORY_STYLE(MEMORY_STYLE), .FILE(PLACES_FILE)) place_memory (
         .clk_i(clk_i), .rst_i(rst_i), .busy_i(busy_q), .stop_i(window_end),
         .s_place_tvalid(s_place_tvalid), .s_place_tready(s_place_tready),
         .s_place_tdata(s_place_tdata),
-        .start_i(begun_q), .step_i(place_step), .last_o(place_last), .word_o(place_word)
+        .start_i(begun_q || compares), .step_i(place_step), .last_o(place_last), .word_o(place_word)
     );
 
     vpr_distance #(.LOADABLE(LOADABLE), .SLOW_BLOCKS(SLOW_BLOCKS)) distances (
         .clk_i(clk_i), .rst_i(rst_i), .load_i(load_i[6]), .load_address_i(load_address_i),
         .load_word_i(load_word_i), .query_write_i(query_write), .query_inverse_i(~m_window_tdata),
-        .follow_i(begun_q && !(FILTER && paused)),
+        .written_sum_i(word_sum), .follow_i(compares), .sum_i(sum_compared),
         .place_step_o(place_step), .place_last_i(place_last), .place_word_i(place_word),
         .distance_valid_o(distance_valid), .distance_o(distance)
     );
@@ -159,18 +168,34 @@ module vpr_core #(
     logic                  trusted;
 
     generate
+        if (GAINS == 1) begin : g_follows
+            assign compares     = begun_q && !(FILTER && paused);
+            assign sum_compared = '0;
+        end
         if (FILTER) begin : g_filter
             logic [4:0]            residual;
             logic [PLACE_BITS-1:0] told;
 
-            vpr_filter #(.LOADABLE(LOADABLE)) place_filter (
-                .clk_i(clk_i), .rst_i(rst_i), .load_i(load_i[4]), .load_address_i(load_address_i),
-                .load_word_i(load_word_i), .start_i(compare_q), .paused_i(paused), .settled_i(settled),
-                .activity_inverse_i(activity_inverse), .idle_o(filter_idle),
-                .distance_valid_i(distance_valid), .distance_i(distance), .sum_valid_o(sum_valid), .sum_last_o(sum_last), .place_o(place),
-                .sum_o(sum), .residual_o(residual), .found_i(ends_search), .best_i(best),
-                .best_sum_i(best_sum), .told_o(told)
-            );
+            if (GAINS > 1) begin : g_bank
+                vpr_bank #(.MEMORY_STYLE(MEMORY_STYLE), .LOADABLE(LOADABLE)) bank (
+                    .clk_i(clk_i), .rst_i(rst_i), .load_i(load_i[4]), .load_address_i(load_address_i),
+                    .load_word_i(load_word_i), .start_i(compare_q), .paused_i(paused),
+                    .settled_i(settled), .activity_inverse_i(activity_inverse), .idle_o(filter_idle),
+                    .compare_o(compares), .sum_o(sum_compared), .distance_valid_i(distance_valid),
+                    .distance_i(distance), .least_valid_o(sum_valid), .least_last_o(sum_last),
+                    .place_o(place), .least_o(sum), .residual_o(residual), .ends_i(ends_search),
+                    .best_i(best), .best_sum_i(best_sum), .told_o(told)
+                );
+            end else begin : g_one_gain
+                vpr_filter #(.LOADABLE(LOADABLE)) place_filter (
+                    .clk_i(clk_i), .rst_i(rst_i), .load_i(load_i[4]), .load_address_i(load_address_i),
+                    .load_word_i(load_word_i), .start_i(compare_q), .paused_i(paused), .settled_i(settled),
+                    .activity_inverse_i(activity_inverse), .idle_o(filter_idle),
+                    .distance_valid_i(distance_valid), .distance_i(distance), .sum_valid_o(sum_valid), .sum_last_o(sum_last), .place_o(place),
+                    .sum_o(sum), .residual_o(residual), .ends_i(ends_search), .best_i(best),
+                    .best_sum_i(best_sum), .told_o(told)
+                );
+            end
             assign sum_complete = 1'b1;
             vpr_trust trust_in_matches (
                 .clk_i(clk_i), .rst_i(rst_i), .became_i(became), .residual_i(residual),
@@ -213,8 +238,8 @@ module vpr_core #(
     // A window at a time: from its end until its match is taken, or there is none
 
     // the search's two clocks, and the first of the acceptance test; the trust takes ten more, and
-    // the middle of places that are told eleven
-    localparam int FINISHING = !FILTER ? 3 : REACH == 0 ? 13 : 2 * REACH + 6;
+    // the middle of places that are told eleven, one more with several gains
+    localparam int FINISHING = !FILTER ? 3 : REACH == 0 ? 13 : 2 * REACH + (GAINS == 1 ? 6 : 7);
 
     logic [FINISHING-1:0] finishing_q;
 
@@ -225,7 +250,7 @@ module vpr_core #(
 
     always_ff @(posedge clk_i) begin
         begun_q     <= window_end;
-        compare_q   <= query_write && m_window_tlast;
+        compare_q   <= query_write && m_window_tlast && word_sum == 0;
         finishing_q <= FINISHING'({finishing_q, sum_valid && sum_last});
         if (finished) m_match_tvalid <= has_best;
         else if (match_taken) m_match_tvalid <= 1'b0;

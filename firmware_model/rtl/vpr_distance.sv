@@ -4,8 +4,12 @@
 // After `follow_i`, the first place is compared while the descriptor is written, each word in the clock
 // after it. The fixed period leaves the sequence unit its
 // LENGTH clocks and the search its two, so that nothing within a match ever waits.
+//
+// With several gains there is a descriptor for each of SUMS sums of newest windows. All were written,
+// `written_sum_i` with their words, before `follow_i` has that of `sum_i` compared.
 module vpr_distance #(
     localparam int WORDS         = vpr_pkg::WORDS,
+    localparam int SUMS          = vpr_pkg::SUMS,
     localparam int LANES         = vpr_pkg::LANES,
     localparam int LENGTH        = vpr_pkg::LENGTH,
     localparam int WORD_BITS     = vpr_pkg::WORD_BITS,
@@ -25,7 +29,9 @@ module vpr_distance #(
     input  logic [31:0]                load_word_i,
     input  logic                       query_write_i,
     input  logic [WORD_BITS-1:0]       query_inverse_i,  // of a word of the descriptor
+    input  logic [1:0]                 written_sum_i,
     input  logic                       follow_i,
+    input  logic [1:0]                 sum_i,
     output logic                       place_step_o,
     input  logic                       place_last_i,
     input  logic [WORD_BITS-1:0]       place_word_i,
@@ -37,6 +43,7 @@ module vpr_distance #(
     localparam int PERIOD      = LONGER > 2 ? LONGER : 2;
     localparam int PERIOD_BITS = $clog2(PERIOD);
     localparam int QUERY_BITS  = WORDS > 1 ? $clog2(WORDS) : 1;
+    localparam int DESCRIPTOR_BITS = QUERY_BITS + (SUMS > 1 ? 2 : 0);  // of an address in all of them
     // from an address to its word's sum: the memories, the differences, the levels of the tree
     localparam int LATENCY     = 2 + (SLOW_BLOCKS ? 1 : 0) + $clog2(LANES);
 
@@ -71,7 +78,7 @@ module vpr_distance #(
         if (follow_i) begin
             running_q       <= 1'b1;
             reading_q       <= 1'b1;
-            following_q     <= 1'b1;
+            following_q     <= SUMS == 1;
             phase_q         <= '0;
             query_address_q <= '0;
         end else if (goes) begin
@@ -99,11 +106,13 @@ module vpr_distance #(
     end
 
     vpr_ram #(
-        .DEPTH(WORDS), .BITS(WORD_BITS), .ADDRESS_BITS(QUERY_BITS)
+        .DEPTH(SUMS > 1 ? SUMS << QUERY_BITS : WORDS), .BITS(WORD_BITS), .ADDRESS_BITS(DESCRIPTOR_BITS)
     ) queries (
-        .clk_i(clk_i), .write_i(query_write_i), .write_address_i(write_address_q),
+        .clk_i(clk_i), .write_i(query_write_i),
+        .write_address_i(DESCRIPTOR_BITS'({written_sum_i, write_address_q})),
         .write_word_i(query_inverse_i),
-        .read_i(1'b1), .read_address_i(query_address_q), .read_word_o(query)
+        .read_i(1'b1), .read_address_i(DESCRIPTOR_BITS'({sum_i, query_address_q})),
+        .read_word_o(query)
     );
 
     vpr_sad_lanes sad_lanes (

@@ -4,8 +4,12 @@
 // word, to clear them. `draining_o` holds while it needs the counters. Contrast codes (CONTRAST) need
 // the mean over all slots: a first pass reads and clears them, without a word, and a second, behind
 // the division, encodes.
+//
+// With several gains there is a descriptor of each of SUMS sums of newest windows (vpr_sums): `sum_o` is
+// 2 of four windows, whose first pass alone needs the counters, then 1 of two, and 0 of the window.
 module vpr_encoder #(
     localparam int SLOTS      = vpr_pkg::SLOTS,
+    localparam int SUMS       = vpr_pkg::SUMS,
     localparam int WORDS      = vpr_pkg::WORDS,
     localparam int LANES      = vpr_pkg::LANES,
     localparam bit CONTRAST   = vpr_pkg::CONTRAST,
@@ -31,6 +35,7 @@ module vpr_encoder #(
     output logic                       word_valid_o,
     input  logic                       word_ready_i,
     output logic                       word_last_o,
+    output logic [1:0]                 sum_o,
     output logic [WORD_BITS-1:0]       word_o
 );
     // lanes beyond the last slot
@@ -59,12 +64,15 @@ module vpr_encoder #(
     wire end_index = index_q == SLOT_BITS'(SLOTS - 1);
     wire end_lane  = lane_q == LANE_BITS'(LANES - 1) || end_index;
 
-    assign draining_o   = (issuing_q || counted_q) && !(CONTRAST && encodes_q);
+    logic next_sum;    // begins
+    wire  first_sum = SUMS == 1 || sum_o == 2'(SUMS - 1);
+
+    assign draining_o   = (issuing_q || counted_q) && !(CONTRAST && encodes_q) && (first_sum || clearing_q);
     assign drain_o      = step && issuing_q;
     assign drain_slot_o = index_q;
 
     always_ff @(posedge clk_i) begin
-        if (start_i || rst_i || again) begin
+        if (start_i || rst_i || again || next_sum) begin
             issuing_q <= 1'b1;
             encodes_q <= again && !rst_i;
             index_q   <= '0;
@@ -87,7 +95,7 @@ module vpr_encoder #(
             word_valid_o     <= coded_word_q;
             word_last_o      <= coded_last_q;
         end
-        if (counted_q && counted_last_q) clearing_q <= 1'b0;
+        if (counted_q && counted_last_q && sum_o == 0) clearing_q <= 1'b0;
         if (rst_i) begin
             clearing_q     <= 1'b1;
             counted_q      <= 1'b0;
@@ -99,23 +107,53 @@ module vpr_encoder #(
     end
 
     generate
+        if (SUMS == 1) begin : g_one_sum
+            assign sum_o    = '0;
+            assign next_sum = 1'b0;
+        end else begin : g_sums
+            // behind its words; behind a reset there are none
+            assign next_sum = sum_o != 0 && !rst_i
+                && (clearing_q ? counted_q && counted_last_q : word_valid_o && word_last_o);
+            always_ff @(posedge clk_i)
+                if (start_i || rst_i) sum_o <= 2'(SUMS - 1);
+                else if (next_sum) sum_o <= sum_o - 1'b1;
+        end
         if (CONTRAST) begin : g_contrast
+            logic                  count_valid, count_last, count_clearing;
+            logic [SLOT_BITS-1:0]  count_slot;
+            logic [COUNT_BITS-1:0] count;
             logic                  deviates, deviating_last;
             logic [SLOT_BITS-1:0]  deviating_slot;
             logic [LEVEL_BITS+1:0] deviation;
 
+            if (SUMS == 1) begin : g_counts
+                assign count_valid    = counted_q && !encodes_q;
+                assign count_last     = counted_q && counted_last_q && !encodes_q;
+                assign count_clearing = clearing_q;
+                assign count_slot     = drained_slot_i;
+                assign count          = drained_i;
+            end else begin : g_sums_of_counts
+                wire unused = &{1'b0, drained_slot_i};
+                vpr_sums sums (
+                    .clk_i(clk_i), .rst_i(rst_i), .step_i(step), .sum_i(sum_o), .slot_i(index_q),
+                    .clearing_i(clearing_q), .valid_i(counted_q && !encodes_q),
+                    .last_i(counted_q && counted_last_q && !encodes_q), .drained_i(drained_i),
+                    .valid_o(count_valid), .last_o(count_last), .clearing_o(count_clearing),
+                    .slot_o(count_slot), .count_o(count)
+                );
+            end
+
             vpr_running_mean #(.LOADABLE(LOADABLE)) running_mean (
                 .clk_i(clk_i), .rst_i(rst_i), .load_i(load_i),
                 .load_address_i(load_address_i),
-                .load_word_i(load_word_i), .step_i(step), .clearing_i(clearing_q), .hold_i(paused_i),
-                .valid_i(counted_q && !encodes_q),
-                .last_i(counted_q && counted_last_q && !encodes_q),
-                .slot_i(drained_slot_i), .count_i(drained_i), .deviates_o(deviates),
+                .load_word_i(load_word_i), .step_i(step), .clearing_i(count_clearing), .hold_i(paused_i),
+                .valid_i(count_valid), .last_i(count_last), .newest_i(sum_o == 0),
+                .slot_i(count_slot), .count_i(count), .deviates_o(deviates),
                 .deviating_last_o(deviating_last), .deviating_slot_o(deviating_slot),
                 .deviation_o(deviation)
             );
             vpr_contrast contrast (
-                .clk_i(clk_i), .rst_i(rst_i), .clear_i(start_i), .deviates_i(deviates),
+                .clk_i(clk_i), .rst_i(rst_i), .clear_i(start_i || next_sum), .deviates_i(deviates),
                 .last_i(deviating_last), .deviating_slot_i(deviating_slot),
                 .deviation_i(deviation), .divided_o(again), .step_i(step), .slot_i(index_q),
                 .code_o(code)

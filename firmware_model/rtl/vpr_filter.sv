@@ -11,7 +11,7 @@
 // metrics begins before the window's activity stands (`settled_i`): it says what the evidence weighs,
 // and what steps cost.
 //
-// `residual_o` is the evidence that the metric has, saturated at RESIDUAL_TOP. `found_i` says that
+// `residual_o` is the evidence that the metric has, saturated at RESIDUAL_TOP. `ends_i` says that
 // the search stands at `best_i` and `best_sum_i`, the least metric; `told_o` follows, see vpr_middle.
 // Distances come two clocks apart at least, and so do metrics.
 module vpr_filter #(
@@ -24,8 +24,6 @@ module vpr_filter #(
     localparam int           EVIDENCE_BITS   = vpr_pkg::EVIDENCE_BITS,
     localparam int           METRIC_BITS     = vpr_pkg::METRIC_BITS,
     localparam int           RESIDUAL_BITS   = vpr_pkg::RESIDUAL_BITS,
-    localparam int           RESIDUAL_LOW    = vpr_pkg::RESIDUAL_LOW,
-    localparam logic [RESIDUAL_BITS-1:0] RESIDUAL_TOP = RESIDUAL_BITS'(vpr_pkg::RESIDUAL_TOP),
     parameter  bit           LOADABLE        = 0
 ) (
     input  logic                     clk_i,
@@ -45,16 +43,13 @@ module vpr_filter #(
     output logic [PLACE_BITS-1:0]    place_o,
     output logic [METRIC_BITS-1:0]   sum_o,
     output logic [RESIDUAL_BITS-1:0] residual_o,
-    input  logic                     found_i,
+    input  logic                     ends_i,
     input  logic [PLACE_BITS-1:0]    best_i,
     input  logic [METRIC_BITS-1:0]   best_sum_i,
     output logic [PLACE_BITS-1:0]    told_o
 );
     // from a place's distance to its prediction by 6 steps; the evidence takes 5, and stays for 2
     localparam int PREDICTED     = 3 + $clog2(STEPS + 1);
-    localparam int PRODUCT_BITS  = DISTANCE_BITS + RECIPROCAL_BITS - 1;
-    // fraction bits of the reciprocal, less those of a metric
-    localparam int SHIFT         = RECIPROCAL_BITS - 1 - 2;
 
     localparam logic [1:0] IDLE   = 2'd0;
     localparam logic [1:0] RUN    = 2'd1;
@@ -72,7 +67,7 @@ module vpr_filter #(
     // a clock behind the place, as memory gives it late
     logic                       deviates_q;
     logic [DISTANCE_BITS-1:0]   here_q;
-    logic                       known, whole;
+    logic                       has_spread, whole;
     logic [RECIPROCAL_BITS-2:0] factor;  // see vpr_spread
 
     // A place: its distance comes from the distance unit, or later from memory
@@ -85,7 +80,7 @@ module vpr_filter #(
     assign idle_o = state_q == IDLE && !waiting_q;
     // the next pass: one after the mean, unless this window's own spread is needed first
     wire [1:0]               pass_d =
-        pass_q == FOR_MEAN && !known ? FOR_SPREAD : FOR_METRICS;
+        pass_q == FOR_MEAN && !has_spread ? FOR_SPREAD : FOR_METRICS;
 
     always_ff @(posedge clk_i) begin
         waiting_q        <= start_i || (waiting_q && paused_i && !settled_i);
@@ -129,7 +124,7 @@ module vpr_filter #(
     vpr_spread scale (
         .clk_i(clk_i), .rst_i(rst_i), .clear_i(begins), .valid_i(deviates_q), .distance_i(here_q),
         .of_mean_i(pass_q == FOR_MEAN), .divide_i(divide_q), .done_o(done),
-        .known_o(known), .whole_o(whole), .factor_o(factor)
+        .has_spread_o(has_spread), .whole_o(whole), .factor_o(factor)
     );
 
     vpr_ram #(
@@ -143,41 +138,31 @@ module vpr_filter #(
 
     logic       placed_q;  // since reset there was a best place
     logic [7:0] of_place;
-    logic       is_best, stands;
+    logic       is_best, has_few, stands;
     logic [3:0] weight;
 
     always_ff @(posedge clk_i) begin
-        if (found_i) placed_q <= 1'b1;
+        if (ends_i) placed_q <= 1'b1;
         if (rst_i) placed_q <= 1'b0;
     end
 
     vpr_see see (
-        .clk_i(clk_i), .rst_i(rst_i), .is_best_i(is_best), .of_place_i(of_place),
+        .clk_i(clk_i), .rst_i(rst_i), .is_best_i(is_best), .of_place_i(of_place), .slack_i(7'd55),
         .placed_i(placed_q), .paused_i(paused_i), .settled_i(settled_i),
-        .activity_inverse_i(activity_inverse_i), .weight_o(weight), .stands_o(stands)
+        .activity_inverse_i(activity_inverse_i), .weight_o(weight), .has_few_o(has_few),
+        .stands_o(stands)
     );
 
-    // 3. Evidence: the place's distance less the least one, divided by the spread, saturated, and weighted
-    // in eighths. A pause has none.
+    // 3. Evidence
 
-    logic [DISTANCE_BITS-1:0] above_q;
-    logic [PRODUCT_BITS-1:0]  product_q;
-    logic [EVIDENCE_BITS-1:0] limited_q;
-    logic [EVIDENCE_BITS+3:0] evidence_q;  // in eighths
+    logic [EVIDENCE_BITS-1:0] against;
+    logic [RESIDUAL_BITS-1:0] residual;
 
-    // half of a reciprocal of 2^16: a shift of one bit less
-    wire [PRODUCT_BITS-SHIFT:0] divided =
-        whole ? product_q[PRODUCT_BITS-1:SHIFT-1] : {1'b0, product_q[PRODUCT_BITS-1:SHIFT]};
-    wire [EVIDENCE_BITS-1:0]    against = evidence_q[EVIDENCE_BITS+2:3];
-
-    always_ff @(posedge clk_i) begin
-        // with a carry into the lowest bit
-        above_q    <= DISTANCE_BITS'(({here_q, 1'b1} + {nearest_inverse_q, 1'b1}) >> 1);
-        product_q  <= PRODUCT_BITS'(above_q) * PRODUCT_BITS'(factor);
-        limited_q  <= paused_i ? '0
-                    : (divided >> EVIDENCE_BITS) != 0 ? '1 : EVIDENCE_BITS'(divided);
-        evidence_q <= (EVIDENCE_BITS + 4)'(limited_q) * (EVIDENCE_BITS + 4)'(weight);
-    end
+    vpr_evidence evidence (
+        .clk_i(clk_i), .paused_i(paused_i), .distance_i(here_q),
+        .nearest_inverse_i(nearest_inverse_q), .whole_i(whole), .factor_i(factor), .weight_i(weight),
+        .against_o(against), .residual_o(residual)
+    );
 
     // 2. Predict, from the metrics of the window before
 
@@ -189,7 +174,7 @@ module vpr_filter #(
     wire [PLACE_BITS-1:0] place   = visits ? visited : index_q;
     wire                  metrics = item && pass_q == FOR_METRICS;
 
-    always_ff @(posedge clk_i) if (found_i) least_q <= best_sum_i;
+    always_ff @(posedge clk_i) if (ends_i) least_q <= best_sum_i;
 
     vpr_ram #(
         .DEPTH(PLACES), .BITS(METRIC_BITS), .ADDRESS_BITS(PLACE_BITS)
@@ -224,8 +209,7 @@ module vpr_filter #(
         sum_valid_o <= valid_q[PREDICTED-1];
         if (valid_q[PREDICTED-1]) begin
             sum_inverse_q <= |metric[EVIDENCE_BITS:METRIC_BITS] ? '0 : ~metric[METRIC_BITS-1:0];
-            residual_o    <= (against >> RESIDUAL_BITS) != 0 || &against[RESIDUAL_BITS-1:RESIDUAL_LOW]
-                ? RESIDUAL_TOP : RESIDUAL_BITS'(against);
+            residual_o    <= residual;
             place_o       <= place_o + 1'b1;
         end
         if (begins) place_o <= '1;
@@ -236,10 +220,10 @@ module vpr_filter #(
     end
 
     vpr_middle middle (
-        .clk_i(clk_i), .rst_i(rst_i), .found_i(found_i), .best_i(best_i),
+        .clk_i(clk_i), .rst_i(rst_i), .ends_i(ends_i), .best_i(best_i),
         .visits_o(visits), .place_o(visited), .above_i(above),
         .is_best_o(is_best), .told_o(told_o)
     );
 
-    wire unused = &{1'b0, product_q[SHIFT-1:0], farther, evidence_q};
+    wire unused = &{1'b0, farther, has_few};
 endmodule

@@ -22,6 +22,7 @@ package vpr_pkg;
     localparam int           LANES          = 1;      // codes that are compared in a clock
     localparam int           LENGTH         = 1;      // windows of a sequence; 1 with the filter
     localparam bit           FILTER         = 1'd0;   // the place filter; else sequences
+    localparam int           GAINS          = 1;      // of the camera, of the filter: 1 or 7
     localparam int           STEPS          = 5;      // of 0, 1 ... places that have a cost
     // the table of their costs, 19 rows of 7 bits each, see vpr_step_costs
     localparam logic [930:0] STEP_COSTS     = 931'h0;
@@ -46,6 +47,7 @@ package vpr_pkg;
 
     localparam int SLOTS = PIXELS;                       // counters, and codes of a descriptor
     localparam int WORDS = (SLOTS + LANES - 1) / LANES;  // of a descriptor
+    localparam int SUMS  = GAINS > 1 ? 3 : 1;  // of newest windows: of 1, 2 and 4, which have a descriptor each
 
     // events: their words, the pixel look-up, counters
     localparam int EVENT_TIME_BITS   = TIMESTAMP_BITS <= 32 ? 32 : 64;

@@ -55,19 +55,19 @@ module vpr_prediction #(
             localparam int NODES = WIDE >> level;
             wire [NODES*SUM_BITS-1:0] nearest;
             for (node = 0; node < NODES; node = node + 1) begin : g_node
-                logic [SUM_BITS-1:0] found;
-                assign nearest[node*SUM_BITS+:SUM_BITS] = found;
+                logic [SUM_BITS-1:0] minimum;
+                assign nearest[node*SUM_BITS+:SUM_BITS] = minimum;
                 if (level > 0) begin : g_nearer
                     wire [SUM_BITS-1:0] left  = g_level[level-1].nearest[2*node*SUM_BITS+:SUM_BITS];
                     wire [SUM_BITS-1:0] right =
                         g_level[level-1].nearest[(2*node+1)*SUM_BITS+:SUM_BITS];
-                    always_ff @(posedge clk_i) found <= right < left ? right : left;
+                    always_ff @(posedge clk_i) minimum <= right < left ? right : left;
                 end else if (node < STEPS) begin : g_cost
                     wire [BITS-1:0] cost = BITS'(costs_i[COST_BITS*node+:COST_BITS]);
                     always_ff @(posedge clk_i)
-                        found <= SUM_BITS'(entries_q[node*BITS+:BITS]) + SUM_BITS'(cost);
+                        minimum <= SUM_BITS'(entries_q[node*BITS+:BITS]) + SUM_BITS'(cost);
                 end else begin : g_filler
-                    assign found = SUM_BITS'(RESTART);
+                    assign minimum = SUM_BITS'(RESTART);
                 end
             end
         end

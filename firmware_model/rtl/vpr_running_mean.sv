@@ -7,8 +7,12 @@
 // no step is missing then. The mean then moves by
 // 1/16 of the difference, in the end by 1/256, unless the window pauses (`hold_i`). While
 // `clearing_i`, after reset, the means become those of the file.
+//
+// With several gains, the slots come once for each of SUMS sums of newest windows, which have means of
+// their own; `newest_i` says that they are of the window alone.
 module vpr_running_mean #(
     localparam int SLOTS      = vpr_pkg::SLOTS,
+    localparam int SUMS       = vpr_pkg::SUMS,
     localparam int COUNT_MAX  = vpr_pkg::COUNT_MAX,
     localparam int SLOT_BITS  = vpr_pkg::SLOT_BITS,
     localparam int COUNT_BITS = vpr_pkg::COUNT_BITS,
@@ -26,6 +30,7 @@ module vpr_running_mean #(
     input  logic                  hold_i,
     input  logic                  valid_i,
     input  logic                  last_i,
+    input  logic                  newest_i,
     input  logic [SLOT_BITS-1:0]  slot_i,
     input  logic [COUNT_BITS-1:0] count_i,
     output logic                  deviates_o,
@@ -35,6 +40,8 @@ module vpr_running_mean #(
 );
     localparam int LEVEL_FRACTION  = 8;                       // fraction bits of a logarithm
     localparam int FRACTION    = MEAN_BITS - LEVEL_BITS;  // further ones of a mean
+    localparam int MEANS       = SUMS * SLOTS;
+    localparam int MEAN_AT     = SUMS > 1 ? $clog2(MEANS) : SLOT_BITS;
     localparam int FIRST_SHIFT = 4;
     localparam int LAST_SHIFT  = 8;
     // Half an octave for the code, and as much as makes the mean, which is taken away, round up
@@ -52,6 +59,7 @@ module vpr_running_mean #(
     logic [SLOT_BITS-1:0]        read_slot_q, held_slot_q;
     logic                        moved_valid_q;
     logic [SLOT_BITS-1:0]        moved_slot_q;
+    logic [MEAN_AT-1:0]          read_at, moved_at;  // among the means of all sums
     logic [LAST_SHIFT:0]         seen_q;  // windows, and 1 << FIRST_SHIFT; saturates
 
     // how far the mean moves: by less with each power of two of windows
@@ -87,12 +95,36 @@ module vpr_running_mean #(
     );
 
     vpr_ram #(
-        .DEPTH(SLOTS), .BITS(MEAN_BITS), .ADDRESS_BITS(SLOT_BITS)
+        .DEPTH(MEANS), .BITS(MEAN_BITS), .ADDRESS_BITS(MEAN_AT)
     ) means (
-        .clk_i(clk_i), .write_i(moved_valid_q), .write_address_i(moved_slot_q),
+        .clk_i(clk_i), .write_i(moved_valid_q), .write_address_i(moved_at),
         .write_word_i(moved_inverse_q),
-        .read_i(step_i), .read_address_i(slot_i), .read_word_o(total_inverse)
+        .read_i(step_i), .read_address_i(read_at), .read_word_o(total_inverse)
     );
+
+    generate
+        if (SUMS == 1) begin : g_one
+            assign read_at  = slot_i;
+            assign moved_at = moved_slot_q;
+        end else begin : g_several
+            // in the order in which the slots of all sums come
+            logic [MEAN_AT-1:0] read_at_q, moved_at_q;
+            logic               held_q;
+            assign read_at  = read_at_q;
+            assign moved_at = moved_at_q;
+            always_ff @(posedge clk_i) begin
+                held_q <= held_valid_q;
+                if (step_i && valid_i)
+                    read_at_q <= read_at_q == MEAN_AT'(MEANS - 1) ? '0 : read_at_q + 1'b1;
+                if (held_q) moved_at_q <= moved_at_q == MEAN_AT'(MEANS - 1) ? '0 : moved_at_q + 1'b1;
+                if (rst_i) begin
+                    held_q     <= 1'b0;
+                    read_at_q  <= '0;
+                    moved_at_q <= '0;
+                end
+            end
+        end
+    endgenerate
 
     always_ff @(posedge clk_i) begin
         if (step_i) begin
@@ -107,7 +139,8 @@ module vpr_running_mean #(
             held_total_q    <= read_clearing_q ? {first_mean, {FRACTION{1'b0}}} : total;
             difference_q    <= read_clearing_q ? '0 : (MEAN_BITS + 1)'(above >> 1);
             deviation_o     <= rounded[MEAN_BITS+1-:LEVEL_BITS+2];
-            if (held_last_q && !held_clearing_q && !hold_i && !seen_q[LAST_SHIFT]) seen_q <= seen_q + 1'b1;
+            if (held_last_q && newest_i && !held_clearing_q && !hold_i && !seen_q[LAST_SHIFT])
+                seen_q <= seen_q + 1'b1;
         end
         moved_valid_q <= held_valid_q && (held_clearing_q || !hold_i);
         moved_slot_q  <= held_slot_q;

@@ -4,6 +4,7 @@
 // This surplus, in sixteenths of an octave, gives all weight from -40 on, and none below -54. Below
 // -48, or in a pause, the window has few events; from the third one in a row on, the robot stands.
 // Without a place (`placed_i`) evidence has all its weight, and pauses alone have few events.
+// `slack_i` is 55, and as much more as the gain of the best place is below 0.
 //
 // `is_best_i` says that `of_place_i` is the activity of the best place, for the next window. Results
 // stand from two clocks after the first clock of `settled_i` on, which comes with the activity, to the
@@ -13,17 +14,19 @@ module vpr_see (
     input  logic       rst_i,
     input  logic       is_best_i,
     input  logic [7:0] of_place_i,
+    input  logic [6:0] slack_i,
     input  logic       placed_i,
     input  logic       paused_i,
     input  logic       settled_i,
     input  logic [9:0] activity_inverse_i,
     output logic [3:0] weight_o,
+    output logic       has_few_o,  // events
     output logic       stands_o
 );
     localparam logic [1:0] PATIENCE = 2'd2;
 
     logic        settled_q, judges_q;
-    logic [9:0]  allowance_q;  // 55 less the activity of the best place
+    logic [9:0]  allowance_q;  // the slack less the activity of the best place
     logic [9:0]  eighths_q;    // of the weight: half of the surplus and 56
     logic [1:0]  few_q;        // windows with few events in a row, to one more than PATIENCE
 
@@ -33,12 +36,13 @@ module vpr_see (
     wire        all     = !none && |eighths_q[8:3];
     wire        has_few = paused_i || (placed_i && (none || (!all && !eighths_q[2])));
 
-    assign stands_o = few_q > PATIENCE;
+    assign has_few_o = few_q != 0;
+    assign stands_o  = few_q > PATIENCE;
 
     always_ff @(posedge clk_i) begin
         settled_q <= settled_i;
         judges_q  <= settled_i && !settled_q;
-        if (is_best_i) allowance_q <= 10'd55 - {{2{of_place_i[7]}}, of_place_i};
+        if (is_best_i) allowance_q <= 10'(slack_i) - {{2{of_place_i[7]}}, of_place_i};
         eighths_q <= surplus[10:1];
         weight_o  <= !placed_i || all ? 4'd8 : none ? 4'd0 : {1'b0, eighths_q[2:0]};
         if (judges_q) few_q <= !has_few ? '0 : stands_o ? few_q : few_q + 1'b1;

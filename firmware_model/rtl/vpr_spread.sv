@@ -20,9 +20,9 @@ module vpr_spread #(
     input  logic                       of_mean_i,
     input  logic                       divide_i,
     output logic                       done_o,
-    output logic                       known_o,   // since reset there was a spread
-    output logic                       whole_o,   // the reciprocal is 2^16, of a spread of 1
-    output logic [RECIPROCAL_BITS-2:0] factor_o   // the reciprocal, or half of 2^16
+    output logic                       has_spread_o,   // since reset there was a spread
+    output logic                       whole_o,        // the reciprocal is 2^16, of a spread of 1
+    output logic [RECIPROCAL_BITS-2:0] factor_o        // the reciprocal, or half of 2^16
 );
     localparam int COUNT_BITS = $clog2(PLACES + 1);
     localparam int REST_BITS  = COUNT_BITS > DISTANCE_BITS ? COUNT_BITS : DISTANCE_BITS;
@@ -87,9 +87,9 @@ module vpr_spread #(
                 state_q <= inverted_q || of_mean_i ? ADDING : INVERSE;
                 done_o  <= inverted_q || of_mean_i;
                 if (inverted_q) begin
-                    known_o  <= 1'b1;
-                    whole_o  <= low_q[RECIPROCAL_BITS-1];
-                    factor_o <= {low_q[RECIPROCAL_BITS-1] || low_q[RECIPROCAL_BITS-2],
+                    has_spread_o <= 1'b1;
+                    whole_o      <= low_q[RECIPROCAL_BITS-1];
+                    factor_o     <= {low_q[RECIPROCAL_BITS-1] || low_q[RECIPROCAL_BITS-2],
                                low_q[RECIPROCAL_BITS-3:0]};
                 end else begin
                     mean_inverse_q <= ~(REST_BITS'(quotient));
@@ -116,8 +116,8 @@ module vpr_spread #(
             total_q        <= '0;
         end
         if (rst_i) begin
-            known_o <= 1'b0;
-            done_o  <= 1'b0;
+            has_spread_o <= 1'b0;
+            done_o       <= 1'b0;
         end
     end
 

@@ -31,7 +31,8 @@ _SEQUENCES = Design(
     width=24, height=16, pixels=9, places=20, length=3, code_bits=4, window_events=12, lanes=4,
     exclusion=2,
 )  # fmt: skip
-DESIGNS = (_SEQUENCES, replace(_SEQUENCES, matching="filter", length=1, code="contrast"))
+_ONE_GAIN = replace(_SEQUENCES, matching="filter", length=1, code="contrast")
+DESIGNS = (_SEQUENCES, _ONE_GAIN, replace(_ONE_GAIN, gains=7))
 CONDITIONS = simulation.Conditions(stall=30, resets=1)
 #: processor seconds of a replay; the longest takes a tenth
 _PATIENCE_S = 3
@@ -85,7 +86,7 @@ def passes(program: Path, vectors: Path, names: Sequence[str], number: int) -> b
 
 
 def main(words: Sequence[str] | None = None) -> None:
-    """Run mutants of both profiles, and print which survive."""
+    """Run mutants of both profiles, one with one gain and with seven, and print which survive."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--number", type=int, default=1_000, help="mutants of each design")
     parser.add_argument("--seed", type=int, default=1, help="of the choice of mutants")
@@ -110,7 +111,8 @@ def main(words: Sequence[str] | None = None) -> None:
         left = [change for change, survives in zip(changes, outcomes, strict=True) if survives]
         for change in left:
             print("survives:", re.sub(r"mutate -ctrl mutant 16 \d+ |\S*/rtl/", "", change))
-        print(f"{design.matching}: {len(changes):,} mutants, {len(left):,} survive", flush=True)
+        name = design.matching if design.gains == 1 else f"{design.gains} gains"
+        print(f"{name}: {len(changes):,} mutants, {len(left):,} survive", flush=True)
 
 
 if __name__ == "__main__":

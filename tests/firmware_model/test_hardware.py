@@ -17,7 +17,7 @@ import numpy as np
 import pytest
 from edge_vpr_tools.cli import main
 
-from firmware_model import Design, DesignError, ToolError, VectorError, cost
+from firmware_model import Design, ToolError, VectorError, cost
 from firmware_model.design import MARGIN_TOP, RESIDUAL_TOP, formats_of
 from firmware_model.hardware import (
     parameters as boards,
@@ -30,15 +30,17 @@ from firmware_model.hardware.parameters import (
     package_with,
     tables,
 )
-from firmware_model.hardware.project import write_project
 from firmware_model.hardware.simulation import Conditions
 from firmware_model.specification import (
     Event,
+    Filter,
+    FilterMap,
     activity_of,
     ilog,
     is_pause,
     mean_activity_after,
     row_of,
+    see,
 )
 from firmware_model.vectors import (
     check_files,
@@ -70,8 +72,9 @@ DESIGN = Design(
     lanes=4,
 )
 FILTER = replace(DESIGN, matching="filter", length=1)
-#: what a map has by default
 ADAPTIVE = replace(FILTER, code="contrast")
+#: what a map has by default
+GAINS = replace(ADAPTIVE, gains=7)
 
 
 def needs(*tools):
@@ -141,14 +144,12 @@ def test_the_core_returns_random_cases_of_random_designs(tmp_path, seed):
 
 
 @needs_iverilog
-@pytest.mark.parametrize("matching", ["sequence", "filter"])
-@pytest.mark.parametrize("code", ["counts", "contrast"])
-def test_the_first_windows_may_end_before_all_counters_are_drained(tmp_path, matching, code):
+@pytest.mark.parametrize("design", [replace(DESIGN, length=1), FILTER, ADAPTIVE, GAINS])
+def test_the_first_windows_may_end_before_all_counters_are_drained(tmp_path, design):
     """Its clock starts sooner than it drains 20 counters, and at once comes an event of later."""
     design = replace(
-        DESIGN, pixels=20, places=2, length=1, code=code, matching=matching, lookup_depth=0,
-        window="time", tau_us=20, timestamp_bits=7,
-    )  # fmt: skip
+        design, pixels=20, places=2, lookup_depth=0, window="time", tau_us=20, timestamp_bits=7
+    )
     stream = Stream(design)
     stream.skip(2)
     for window in range(3):
@@ -195,6 +196,50 @@ def test_the_core_returns_the_place_filters_corners_under_stalls_and_a_reset(tmp
     assert outcome.differences == []
     assert outcome.cases == len(cases)
     assert min(outcome.compared.values()) > 100
+
+
+@pytest.mark.slow
+@needs_iverilog
+def test_the_core_returns_the_corners_of_seven_gains_under_stalls_and_a_reset(tmp_path):
+    """Each fact of them, such as a change of gain or a window in which gains look at all sums."""
+    cases = short_filter_cases(GAINS, most_events=1500)
+    assert {case.design.places_per_window for case in cases} == {1, 2}
+    write_suites(tmp_path / "v", GAINS, {"filter": cases}, 3, rtl=True)
+    for conditions in (Conditions(seed=5, stall=40, resets=1), Conditions(slow_blocks=True)):
+        outcome = replay.hold(tmp_path / "v", conditions)
+        assert outcome.differences == []
+        assert min(outcome.compared.values()) > 200
+
+
+@needs_iverilog
+@pytest.mark.parametrize("per_window", [1, 2])
+def test_the_core_returns_a_drive_of_seven_gains(tmp_path, per_window):
+    """With stalls and resets, and with one of a clock anywhere."""
+    cases = [
+        case
+        for case in short_filter_cases(GAINS)
+        if case.design.places_per_window == per_window and len(case.trace().matches) > 8
+    ]
+    write_suites(tmp_path / "v", GAINS, {"filter": cases[:1]}, 3, rtl=True)
+    resets = (Conditions(reset_at=clock) for clock in (900, 1900, 2500))
+    for conditions in (Conditions(seed=5, stall=40, resets=3), *resets):
+        outcome = replay.hold(tmp_path / "v", conditions)
+        assert outcome.differences == []
+        assert outcome.compared["match"] > 8
+
+
+@needs_iverilog
+@pytest.mark.parametrize("seed", [34, 35, 36])
+def test_the_core_returns_random_cases_of_seven_gains(tmp_path, seed):
+    """Of any size, down to one place and to more lanes than slots."""
+    rng = np.random.default_rng(seed)
+    drawn = iter(lambda: random_adaptive_design(rng, gains=(7,)), None)
+    design = next(design for design in drawn if design.gains > 1)
+    design = replace(design, places=[1, design.places, 8][seed % 3])
+    folder = write_vectors(tmp_path / "v", design, seed, "random", slice(1))
+    outcome = replay.hold(folder, Conditions(seed=seed, stall=30, resets=2))
+    assert outcome.differences == []
+    assert outcome.compared["event"] == 2000
 
 
 @pytest.mark.slow
@@ -322,6 +367,34 @@ def test_a_match_takes_the_clocks_that_the_documentation_says(tmp_path, design):
             assert done.most_cycles == stated
 
 
+@needs_iverilog
+@pytest.mark.parametrize("places", [20, 150])
+def test_a_match_of_seven_gains_takes_the_clocks_of_the_model_and_some_hundred(tmp_path, places):
+    """Which counts all sums of windows, and the changes of gain behind the match."""
+    design = replace(GAINS, places=places, lanes=2)
+    case = standard_suites(design, 1, "random")["random"][0]
+    case = replace(case, events=case.events[:600])
+    # a third of the reference's events, so that gains look at all sums
+    counted = [state.counted for state in case.trace().states]
+    activity = 3 * 256 * sum(counted) // len(counted)
+    case = replace(case, memories=replace(case.memories, activity=activity))
+    assert 7 in {state.sums for state in case.trace().states if not state.paused}
+    write_suites(tmp_path / "v", design, {"random": [case]}, 1, rtl=True)
+    ((_, done),) = simulation.replay_vectors(tmp_path / "v", tmp_path)
+    assert verify(tmp_path / "v", done.records).differences == []
+    changes = 2 * (places + 1) * (design.gains + 1)  # behind the match
+    over = done.most_cycles - (cost.cycles(design).match - changes)
+    assert 0 < over < 450
+
+
+def test_the_page_has_the_clocks_of_a_window_of_seven_gains():
+    page = (Path(__file__).parents[2] / "docs" / "hardware.md").read_text(encoding="utf-8")
+    (design,) = (design for design in report.KINDS.values() if design.gains > 1)
+    clocks = cost.cycles(design).match
+    assert f"the {design.places} places of the table below, it takes {clocks:,} clocks" in page
+    assert clocks < 48e6 / 500
+
+
 def test_a_match_takes_at_most_eight_clocks_more_than_the_model_says():
     """Of maps of usual size: the first place is compared while the descriptor is encoded."""
     robot = replace(report.DOCUMENTED, matching="filter", length=1, code="contrast")
@@ -372,14 +445,6 @@ def test_the_package_has_no_constant_that_a_design_leaves_out():
     assert declared == list(constants(DESIGN))
     with pytest.raises(ToolError, match="no constant WIDHT"):
         package_with({"WIDHT": 3})
-
-
-def test_a_design_of_several_gains_is_refused_in_one_sentence(tmp_path):
-    """The core has one; what has seven is named. Nothing is written."""
-    several = random_memories(np.random.default_rng(1), replace(ADAPTIVE, gains=7))
-    with pytest.raises(DesignError, match="gains = 7: the hardware core has 1: set gains = 1"):
-        write_project(tmp_path, several, 1)
-    assert not list(tmp_path.iterdir())
 
 
 @needs_iverilog
@@ -489,6 +554,8 @@ KINDS = [
     replace(ADAPTIVE, restart=16),
     replace(ADAPTIVE, places_per_window=2),
     replace(DESIGN, code="contrast"),
+    GAINS,
+    replace(GAINS, places_per_window=2, lanes=9, places=32),
 ]
 
 
@@ -588,6 +655,7 @@ def test_the_board_returns_matches_through_its_spi(tmp_path, suite, name):
         ("corners", "tie_of_three", replace(DESIGN, lanes=13)),
         ("random", "windows_0", ADAPTIVE),
         ("random", "windows_1", replace(ADAPTIVE, places_per_window=2)),
+        ("random", "windows_1", GAINS),
         ("random", "random_0", replace(FILTER, timestamp_bits=40, places=5)),
     ],
 )
@@ -696,7 +764,8 @@ def simulated(tmp_path, bench, units, **values):
 
 
 @needs_iverilog
-def test_the_activity_is_that_of_the_model_though_the_number_of_events_saturates(tmp_path):
+@pytest.mark.parametrize("gains", [1, 7])
+def test_the_activity_is_that_of_the_model_though_the_number_of_events_saturates(tmp_path, gains):
     """At 63, in a unit of 6 bits, by one event too many up to nearly eight times as many."""
     rng = np.random.default_rng(5)
     # the first window is at a threshold, or one below it, or between both
@@ -719,14 +788,14 @@ def test_the_activity_is_that_of_the_model_though_the_number_of_events_saturates
         text = ACTIVITY_BENCH.replace("WINDOWS", str(len(events))).replace("START", str(start))
         text = text.replace("STOP", str(rng.integers(153)))
         units = ("vpr_rom.sv", "vpr_logarithm.sv", "vpr_activity.sv")
-        small = {"WINDOW_EVENTS_BITS": 6, "FILTER": 1}
+        small = {"WINDOW_EVENTS_BITS": 6, "FILTER": 1, "GAINS": gains}
         returned_lines = simulated(tmp_path, text, units, **small)
         mean_activity, expected = start, []
         for counted in events.tolist():
             number = min(counted, 63)
             pauses, relative = (
                 int(is_pause(number, mean_activity)),
-                activity_of(number, mean_activity),
+                activity_of(number, start if gains > 1 else mean_activity),
             )
             mean_activity = mean_activity_after(mean_activity, number)
             expected.append([pauses, mean_activity, relative, 10 * 15 + 3])
@@ -781,6 +850,59 @@ def test_a_logarithm_is_exact_about_every_power_of_two(tmp_path):
     (tmp_path / "numbers.mem").write_text("\n".join(f"{n:x}" for n in chosen), encoding="ascii")
     text = LOGARITHM_BENCH.replace("NUMBERS", str(len(chosen)))
     assert simulated(tmp_path, text, ["vpr_logarithm.sv"]) == [[ilog(n)] for n in chosen]
+
+
+#: a line for each window: the rank of the highest gain
+SPEED_BENCH = """
+module bench;
+    logic clk = 0, rst = 1, settled = 1, has_few = 0, ready;
+    logic [9:0] windows[0:WINDOWS-1];
+    logic [9:0] activity;
+    logic [3:0] rank;
+    vpr_speed speed (
+        .clk_i(clk), .rst_i(rst), .settled_i(settled), .has_few_i(has_few),
+        .activity_inverse_i(~activity), .ready_o(ready), .rank_o(rank)
+    );
+    always #1 clk = !clk;
+    initial begin
+        $readmemh("windows.mem", windows);
+        @(negedge clk) rst = 0;
+        for (int window = 0; window < WINDOWS; window++) begin
+            settled = 0;
+            repeat (6) @(negedge clk);
+            settled = 1;
+            activity = windows[window];
+            // it stands two clocks behind
+            repeat (2) @(negedge clk);
+            has_few = window % 5 == 3;
+            @(negedge clk);
+            while (!ready) @(negedge clk);
+            $display("%0d", rank);
+        end
+        $finish;
+    end
+endmodule
+"""
+
+
+@needs_iverilog
+@pytest.mark.parametrize("spread", [4, 40, 400])
+def test_sums_of_the_gains_are_those_of_the_model(tmp_path, spread):
+    """Of any mean speed; windows with few events do not move it."""
+    rng = np.random.default_rng(spread)
+    drawn = np.clip(np.cumsum(rng.integers(-spread, spread + 1, 300)), -368, 368)
+    activities = [-368, *drawn.tolist(), *[368] * 90]
+    numbers = "\n".join(f"{activity % 1024:x}" for activity in activities)
+    (tmp_path / "windows.mem").write_text(numbers, encoding="ascii")
+    text = SPEED_BENCH.replace("WINDOWS", str(len(activities)))
+    printed = simulated(tmp_path, text, ["vpr_speed.sv"])
+    filter_map = FilterMap.of(random_memories(rng, GAINS))
+    state = Filter([[0] * GAINS.places] * GAINS.gains)
+    for window, (activity, (rank,)) in enumerate(zip(activities, printed, strict=True)):
+        seen = see(filter_map, state, activity, window % 5 == 3)
+        state = state._replace(speed=seen.speed, moved=seen.moved)
+        ranks = [max(rank - lower, 0) for lower in reversed(range(GAINS.gains))]
+        assert list(seen.looks) == [(rank > 0) + (rank > 2) for rank in ranks]
 
 
 #: a line for each activity of a place and of a window, and whether the robot stands: the costs of

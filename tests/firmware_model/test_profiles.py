@@ -78,8 +78,6 @@ def driven(request) -> Driven:
     now = replace(reference.settings, smooth=False)
     reference = replace(reference, settings=now)
     design = design_of(reference, lanes=4)
-    if settings.profile == "robot":  # of devices, maps have one gain by default
-        design = replace(design, gains=settings.gains)
     events = tuple(Event(t, x, y, bool(p)) for t, x, y, p in drives[1].tolist())
     case = Case("drive", memories_of(reference, design), events)
     return Driven(reference, drives[1], case, case.trace().matches)
@@ -133,8 +131,6 @@ def test_the_firmware_returns_every_record_of_the_specification(driven, tmp_path
 @pytest.mark.skipif(shutil.which("iverilog") is None, reason="iverilog is not installed")
 def test_the_core_returns_every_record_of_the_specification(driven, tmp_path: Path):
     """In SystemVerilog, simulated with stalls and a reset."""
-    if driven.case.design.gains > 1:
-        pytest.skip("the core has one gain")
     short = replace(driven.case, events=driven.case.events[:8_000])
     write_suites(tmp_path / "v", short.design, {"drive": [short]}, 0, rtl=True)
     outcome = replay.hold(tmp_path / "v", Conditions(seed=2, stall=20, resets=1))

@@ -165,10 +165,10 @@ async def replay(dut: Any) -> None:
             else:
                 await until_all(dut, taken, expected)
     for name, words in expected.items():
-        found = [word for word, _ in taken[name]]
-        for number, (word, right) in enumerate(zip(found, words, strict=False)):
+        came = [word for word, _ in taken[name]]
+        for number, (word, right) in enumerate(zip(came, words, strict=False)):
             assert word == right, f"{name} {number} is {word:#x}, and must be {right:#x}"
-        assert len(found) == len(words), f"{len(found)} of {len(words)} words of {name} came"
+        assert len(came) == len(words), f"{len(came)} of {len(words)} words of {name} came"
     in_window = words_of_a_window((case / "vpr_pkg.sv").read_text("ascii"))
     for number, (_, last) in enumerate(taken["m_window"]):
         assert last == ((number + 1) % in_window == 0), f"m_window_tlast of word {number}"
@@ -176,9 +176,9 @@ async def replay(dut: Any) -> None:
 
 def words_of_a_window(package: str) -> int:
     """Return the number of words of a descriptor by the constants of a design."""
-    found = re.findall(r"localparam \w+ +(\w+) += (?:1'd)?(\d+);", package)
-    known = {name: int(value) for name, value in found}
-    return -(-known["PIXELS"] // known["LANES"])
+    constants = re.findall(r"localparam \w+ +(\w+) += (?:1'd)?(\d+);", package)
+    values = {name: int(value) for name, value in constants}
+    return -(-values["PIXELS"] // values["LANES"])
 
 
 async def until_all(

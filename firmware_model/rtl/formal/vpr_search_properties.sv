@@ -48,7 +48,7 @@ module vpr_search_properties #(
 
     logic                  begun = 1'b0;
     logic                  pending = 1'b0;  // a sum was given in the clock before
-    logic [PLACE_BITS:0]   given;           // place of the next sum
+    logic [PLACE_BITS:0]   next_place;      // place of the next sum
     logic [PLACE_BITS:0]   n;               // places below it are in the result
     logic                  seen;            // k is in the result
     logic [SUM_BITS-1:0]   sum_of_k;
@@ -67,7 +67,7 @@ module vpr_search_properties #(
         last_place <= place;
         last_sum   <= sum;
         pending    <= sum_valid && !start && !rst;
-        if (sum_valid) given <= given + 1'b1;
+        if (sum_valid) next_place <= next_place + 1'b1;
         if (pending) begin
             n <= n + 1'b1;
             if (place == k) begin
@@ -78,7 +78,7 @@ module vpr_search_properties #(
         end
         if (start || rst) begin
             begun      <= 1'b1;
-            given      <= {1'b0, first};
+            next_place <= {1'b0, first};
             n          <= {1'b0, first};
             seen       <= 1'b0;
             equal_to_v <= 0;
@@ -89,7 +89,7 @@ module vpr_search_properties #(
     always_comb begin
         if (!begun) assume (start || rst);
         if (start) assume (!sum_valid && !pending);
-        if (sum_valid) assume (!pending && {1'b0, place} == given);
+        if (sum_valid) assume (!pending && {1'b0, place} == next_place);
         if (pending) assume (place == last_place && sum == last_sum);
     end
 
@@ -121,7 +121,7 @@ module vpr_search_properties #(
             always_comb begin
                 if (begun) begin
                     assert (update == pending);
-                    assert (given == n + pending);
+                    assert (next_place == n + pending);
                     if (pending) begin
                         assert ({1'b0, last_place} == n);
                         assert (sum_lower == (last_sum < best_sum));
@@ -130,7 +130,7 @@ module vpr_search_properties #(
                         assert (oldest_lower == (sums[EXCLUSION*SUM_BITS+:SUM_BITS] < left_sum));
                         assert ({1'b0, oldest_place} + DELAY == n || filled != DELAY);
                     end
-                    assert (n >= wide_first && given <= 1 << PLACE_BITS);
+                    assert (n >= wide_first && next_place <= 1 << PLACE_BITS);
                     assert (seen == (k >= first && wide_k < n));
                     assert (has_best == (taken != 0));
                     assert (filled == (taken > EXCLUSION ? DELAY : taken));

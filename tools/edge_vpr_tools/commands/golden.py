@@ -59,8 +59,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     vectors.add_argument("--seed", type=int, default=0, help="seed of the random vectors")
     vectors.add_argument(
         "--rtl", action="store_true",
-        help="also write the hardware core, its parameters for each case, and a testbench; with "
-        "--map, the design has one gain then, as the core",
+        help="also write the hardware core, its parameters for each case, and a testbench",
     )  # fmt: skip
     add_output_flags(parser)
 
@@ -96,8 +95,7 @@ def run(args: argparse.Namespace) -> None:
         design = Design.load(args.design)
     else:
         reference = ReferenceMap.load(args.map)
-        # the core has one gain
-        design = design_of(reference, args.lanes, gains=1 if args.rtl else None)
+        design = design_of(reference, args.lanes)
         if args.recording is not None:
             recording = open_recording(args.recording, default=reference.camera)
             with status("windows of the recording"):

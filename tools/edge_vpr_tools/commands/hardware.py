@@ -66,7 +66,7 @@ def run(args: argparse.Namespace) -> None:
         )
     else:
         reference = ReferenceMap.load(args.map)
-        design = design_of(reference, args.lanes, gains=1)
+        design = design_of(reference, args.lanes)
         memories = memories_of(reference, design)
     with (
         replacing_folder(output, overwrite=False) as folder,

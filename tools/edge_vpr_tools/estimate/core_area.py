@@ -40,6 +40,7 @@ FITTED_ON = {
     "single windows, contrast codes, 4 lanes": replace(_CONTRAST, lanes=4),
     "place filter, contrast codes, 8 lanes": _DEFAULT,
     "place filter at half windows, contrast codes, 8 lanes": replace(_DEFAULT, places_per_window=2),
+    "seven gains at half windows, 8 lanes": replace(_DEFAULT, places_per_window=2, gains=7),
 }
 #: designs that the fit is checked with
 CHECKED_ON = {
@@ -52,6 +53,9 @@ CHECKED_ON = {
     ),
     "place filter at half windows, contrast codes, 60 pixels, 1,500 places, 4 lanes": replace(
         _DEFAULT, places_per_window=2, pixels=60, places=1500, lanes=4
+    ),
+    "seven gains at half windows, 60 pixels, 1,500 places, 4 lanes": replace(
+        _DEFAULT, places_per_window=2, pixels=60, places=1500, lanes=4, gains=7
     ),
 }
 
@@ -97,13 +101,13 @@ def _fitted() -> tuple[float, ...]:
 def _terms(design: Design) -> tuple[int, ...]:
     """Return what each term of the fit counts, in this order.
 
-    The core, bits of a word, the place filter, places at half windows, contrast codes, and
-    sums of several windows.
+    The core, bits of a word, the place filter, places at half windows, contrast codes, sums of
+    several windows, and several gains.
     """
     several = not design.filters and design.length > 1
     word = design.lanes * design.code_bits
     half = design.places_per_window == 2
-    return 1, word, design.filters, half, design.contrast, several
+    return 1, word, design.filters, half, design.contrast, several, design.gains > 1
 
 
 def measure(designs: Mapping[str, Design]) -> list[Netlist]:

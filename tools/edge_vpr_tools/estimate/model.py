@@ -101,10 +101,10 @@ def block_memories(design: Design, shapes: Shapes) -> int:
 
 
 def large_and_small_blocks(design: Design, large: Shapes, small: Shapes) -> tuple[int, int]:
-    """Count large blocks for the places, which are only read, and small ones for the rest."""
+    """Count large blocks for places and metrics of several gains, and small ones for the rest."""
     sized = memories(design)
-    places = sized.pop("places")
-    return _blocks([places], large), _blocks(sized.values(), small)
+    in_large = [sized.pop(name) for name in ("places", *(["metric"] * (design.gains > 1)))]
+    return _blocks(in_large, large), _blocks(sized.values(), small)
 
 
 def _blocks(sized: Iterable[Memory], shapes: Shapes) -> int:
@@ -215,10 +215,8 @@ class Cost:
 
 
 def cost(design: Design, target: Target, mission: Mission) -> Cost:
-    """Model a design on a target; on an FPGA with one gain, since the core has no more."""
+    """Model a design on a target."""
     instructions = None
-    if target.kind == "fpga":
-        design = replace(design, gains=1)
     if target.kind == "processor":
         instructions = instructions_of(design, target.core)
         taken = {unit: Spread(*target.cpi) * number for unit, number in instructions.items()}

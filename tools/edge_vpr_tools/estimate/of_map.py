@@ -16,7 +16,7 @@ from firmware_model.errors import DesignError
 from firmware_model.memories import Memories
 
 
-def design_of(reference: ReferenceMap, lanes: int = 8, *, gains: int | None = None) -> Design:
+def design_of(reference: ReferenceMap, lanes: int = 8) -> Design:
     """Take every parameter of a design from a map.
 
     Parameters
@@ -27,8 +27,6 @@ def design_of(reference: ReferenceMap, lanes: int = 8, *, gains: int | None = No
         trust and sum are for the user.
     lanes : int
         P, which a map does not say.
-    gains : int, optional
-        Instead of the map's, which a core of the hardware may not have.
 
     Raises
     ------
@@ -39,8 +37,6 @@ def design_of(reference: ReferenceMap, lanes: int = 8, *, gains: int | None = No
         raise DesignError(reference.settings.beyond_profile)
     settings = reference.settings
     code, bits = _code_of(reference)
-    if gains is not None and settings.matching == "filter":
-        settings = settings.replaced({"gains": gains}, "a design")
     return design_by(
         settings,
         width=reference.pixel_map.sensor.width,

@@ -171,7 +171,7 @@ def design_text(of: Design) -> str:
     by = f"sequences of {of.length}"
     if of.filters:
         by = "place filter" + ", places at half windows" * (of.places_per_window == 2)
-        by += f", {of.gains} gains (FPGA: 1)" * (of.gains > 1)
+        by += f", {of.gains} gains" * (of.gains > 1)
     return (
         f"{of.pixels:,} of {of.width} x {of.height} pixels, {number_of(of.code_bits, 'bit')} "
         f"({of.code}), {of.places:,} places of {sizes(of).place_bytes} bytes, packed as on an "
