@@ -605,8 +605,8 @@ class PlaceFilter:
                 "1,000 and rounded"
             )
         # the kernel is compiled for the types of recorded drives and streams, and for int64
-        known = distances.dtype in (np.int32, np.uint16, np.uint32)
-        return np.ascontiguousarray(distances, dtype=distances.dtype if known else np.int64)
+        taken = distances.dtype in (np.int32, np.uint16, np.uint32)
+        return np.ascontiguousarray(distances, dtype=distances.dtype if taken else np.int64)
 
 
 _UNPREDICTED = {"predicted_for": NOT_PREDICTED, "weight_by_distance": BY_STEPS}
