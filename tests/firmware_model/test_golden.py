@@ -24,7 +24,7 @@ from edge_vpr.map_making import describe_query
 from edge_vpr.matching.drive import match_descriptors
 from edge_vpr.recordings import open_recording, write_recording
 from edge_vpr.reference_map import ReferenceMap
-from firmware_model import Design, DesignError, VectorError
+from firmware_model import Design, VectorError
 from firmware_model.design import page
 from firmware_model.emulation.build import EMULATED, SOURCES, build
 from firmware_model.emulation.emulator import Emulator
@@ -461,15 +461,6 @@ def test_results_that_cannot_be_read_are_refused(vectors, tmp_path, name, conten
     (tmp_path / name).write_bytes(content)
     with pytest.raises(VectorError, match=message):
         verify(vectors, read_results(tmp_path / name))
-
-
-def test_nothing_is_written_for_a_design_that_the_core_does_not_follow(tmp_path):
-    """A folder of half of the cases would look whole."""
-    several = replace(FILTER, gains=7)
-    chosen = filter_cases(several)[:1]
-    with pytest.raises(DesignError, match="the hardware core has 1"):
-        write_suites(tmp_path / "v", several, {"filter": chosen}, 0, rtl=True)
-    assert not (tmp_path / "v").exists()
 
 
 def test_only_an_empty_folder_is_written_to(vectors):
