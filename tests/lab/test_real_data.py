@@ -161,7 +161,7 @@ def test_a_drive_by_day_is_aligned_with_the_map_of_an_evening(shared_data, eveni
     judged = np.flatnonzero((place >= 0) & truth.has_truth)
     assert (place >= 0).mean() >= 0.78
     assert truth.correct[place[judged], judged].mean() >= 0.97
-    with pytest.raises(UsageError, match="of the route, and the rest would be found less often"):
+    with pytest.raises(UsageError, match="of the route, and at least 90% is needed"):
         route.update(recording)
 
 
