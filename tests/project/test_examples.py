@@ -126,7 +126,7 @@ def test_the_notebook_runs_from_top_to_bottom(tmp_path, monkeypatch):
         cell.outputs = []
         cell.source = cell.source.replace("LENGTH_M = 120.0", "LENGTH_M = 60.0")
     assert "LENGTH_M = 60.0" in cells[0].source
-    cells.append(nbformat.v4.new_code_cell("found.precision_at_100_recall"))
+    cells.append(nbformat.v4.new_code_cell("evaluation.precision_at_100_recall"))
     notebook.cells.append(cells[-1])
     resources = {"metadata": {"path": str(tmp_path)}}
     nbclient.NotebookClient(
