@@ -1,7 +1,8 @@
 // Mean activity, the running mean number of events in a window in units of 1/256 event, and the
 // activity of the window that ended: floor(16 log2(1 + its events)) less the same of the mean activity
 // before it, in whole events (LOGARITHMS), or with several gains of what it was at the start; -368, the
-// least value, for a window without events. The open window is a pause (`pauses_o`) if it has no events, or less than 1/8 of the mean activity.
+// least value, for a window without events. The open window is a pause (`pauses_o`) if it has no events,
+// or less than 1/8 of the mean activity.
 //
 // At `window_end_i` the mean activity moves by 1/64 of its difference to the events of the window,
 // which saturate; in a pause it falls by 1/1024. This takes one clock per bit, while `settled_o` is

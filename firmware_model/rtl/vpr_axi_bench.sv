@@ -168,8 +168,7 @@ module vpr_axi_bench;
         end
         $fclose(file);
         idle = 0;
-        while (idle < SUMS * (500 + 2 * SLOTS) + 3 * PLACES * (WORDS + LENGTH)
-                      + 10 * (GAINS - 1) * (PLACES + 1)) begin
+        while (idle < MATCH_CLOCKS) begin
             if (match_waits) begin
                 read_match;
                 idle = 0;

@@ -15,12 +15,6 @@ module vpr_bench #(
 );
     import vpr_pkg::*;
 
-    // more clocks than a match takes, of sequences and of the filter, whose first window has a third
-    // pass over the places, and with several gains, which pass over them with each; a match that takes
-    // longer is missing in the records
-    localparam int MATCH_CLOCKS = SUMS * (500 + 2 * SLOTS) + 3 * PLACES * (WORDS + LENGTH)
-                                  + 10 * (GAINS - 1) * (PLACES + 1);
-
     logic                      clk = 1'b0;
     logic                      rst = 1'bx;
     logic [TIMESTAMP_BITS-1:0] start_time;

@@ -47,7 +47,7 @@ package vpr_pkg;
 
     localparam int SLOTS = PIXELS;                       // counters, and codes of a descriptor
     localparam int WORDS = (SLOTS + LANES - 1) / LANES;  // of a descriptor
-    localparam int SUMS  = GAINS > 1 ? 3 : 1;  // of newest windows: of 1, 2 and 4, which have a descriptor each
+    localparam int SUMS  = GAINS > 1 ? 3 : 1;            // of newest windows: of 1, 2 and 4
 
     // events: their words, the pixel look-up, counters
     localparam int EVENT_TIME_BITS   = TIMESTAMP_BITS <= 32 ? 32 : 64;
@@ -99,4 +99,12 @@ package vpr_pkg;
     // window, place, sum, has_second, second, second_sum, ties, accepted, trust
     localparam int MATCH_BITS =
         32 + 3 * PLACE_BITS + 2 * SUM_BITS + 2 + (FILTER ? TRUST_BITS : 0);
+
+    // for testbenches: more clocks than a match takes, of sequences and of the filter, whose first window
+    // has a third pass over the places, and with several gains, which pass over them with each; a match
+    // that takes longer is missing in the records
+    // verilator lint_off UNUSEDPARAM
+    localparam int MATCH_CLOCKS = SUMS * (500 + 2 * SLOTS) + 3 * PLACES * (WORDS + LENGTH)
+                                  + 10 * (GAINS - 1) * (PLACES + 1);
+    // verilator lint_on UNUSEDPARAM
 endpackage

@@ -126,8 +126,7 @@ module vpr_up5k_bench;
         end
         $fclose(file);
         waited = 0;
-        while (waited < SUMS * (500 + 2 * SLOTS) + 3 * PLACES * (WORDS + LENGTH)
-                        + 10 * (GAINS - 1) * (PLACES + 1)) begin
+        while (waited < MATCH_CLOCKS) begin
             if (match) begin
                 read_match;
                 waited = 0;
