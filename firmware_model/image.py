@@ -65,8 +65,8 @@ class Word(IntEnum):
 
     MAGIC = MAGIC, MAGIC, "0x49525056: the bytes `VPRI`"
     VERSION = VERSION, VERSION, "of this layout"
-    BYTES = HEADER_WORDS * 4, _LONG, "of the image, header and padding included"
-    CRC = 0, _LONG, "CRC-32, as of zlib and Ethernet, of all bytes behind this word"
+    BYTES = HEADER_WORDS * 4, _LONG, "of the image, with header and padding"
+    CRC = 0, _LONG, "CRC-32 of zlib, of all bytes behind this word"
     WIDTH = 1, MAX_SIDE, "columns of the sensor"
     HEIGHT = 1, MAX_SIDE, "rows of the sensor"
     PIXELS = 1, _SHORT, "selected pixels, J; `PIXELS * (2^CODE_BITS - 1)` has 16 bits"
@@ -75,20 +75,19 @@ class Word(IntEnum):
     CONTRAST = 0, 1, "1: contrast codes, 0: counts"
     PLACES = 1, _SHORT, "K; `8 * PLACES * LENGTH` has 32 bits"
     LENGTH = 1, _SHORT, "windows of a sequence, at most `PLACES`; of the place filter 1"
-    EXCLUSION = 0, _SHORT, "places on each side of the best in which no second best is looked for"
-    WINDOW_KIND = 0, 1, "0: windows of a fixed time, 1: of a number of events at selected pixels"
-    WINDOW = 1, _LONG, "that time in microseconds, below half the clock's period, or that number"
+    EXCLUSION = 0, _SHORT, "z of the specification"
+    WINDOW_KIND = 0, 1, "0: windows by time, 1: by count"
+    WINDOW = 1, _LONG, "tau, below half the clock's period, or N of the specification"
     TIMESTAMP_BITS = 2, 32, "bits of the clock"
     LARGEST_SUM = 0, LARGEST_SUM, "largest accepted sum of a sequence"
     LOOKUP_DEPTH = 1, _SHORT + 1, "entries of the look-up: a power of two"
     PLACES_PER_WINDOW = 0, 2, "of the place filter; 0: sequences"
-    RESTART = 0, MAX_COST << FRACTION_BITS, "of the filter, cost of a restart in 1/4; else 0"
+    RESTART = 0, MAX_COST << FRACTION_BITS, "of the filter, 4 r of the specification; else 0"
     TRUST = 0, TRUST_TOP, "of the filter, least accepted trust; else 0"
     ACTIVITY = (
         0,
         EVENTS_TOP << ACTIVITY_FRACTION_BITS,
-        "of the filter and of contrast codes, mean number of events that count of a window of the "
-        "reference, in 1/256; else 0",
+        "of the filter and of contrast codes, first `mean_activity` of the specification; else 0",
     )
     GAINS = 0, len(GAINS), "of the filter 1 or 7; 7 need contrast codes and windows by time; else 0"
 
@@ -124,8 +123,8 @@ class Table(Enum):
     )  # fmt: skip
     LOOKUP = (
         "II", (Word.LOOKUP_DEPTH,), None,
-        "pixel of the entry (bits 17 to 31 row, 1 to 16 column; 0xFFFFFFFF: none), and its slot. "
-        "The entry of pixel (x, y) is at `(x + displacement[y]) mod LOOKUP_DEPTH`",
+        "bits 17 to 31 row, 1 to 16 column, 0xFFFFFFFF without a pixel; then its slot. "
+        "Pixel (x, y) is at `(x + displacement[y]) mod LOOKUP_DEPTH`",
     )  # fmt: skip
     PLACES = "B", (Word.PLACES, Word.STRIDE), None, "codes of each place, and zeros behind them"
     LEVEL = (
