@@ -102,46 +102,42 @@ class Design:
     pixels : int
         J, selected pixels.
     code : {"counts", "contrast"}
-        Counts themselves, which saturate at the largest code; or contrast codes: the logarithm of
-        each count, which saturates at 1,023, less the counter's running mean and the window's mean
-        of these differences, see `fixedpoint.own_mean.OwnMeanCode`.
+        Counts, which saturate at the largest code; or contrast codes, those of
+        `fixedpoint.own_mean.OwnMeanCode`.
     code_bits : int
-        1 to 16; of contrast codes 1 to 8.
+        Of contrast codes 1 to 8.
     window : {"time", "count"}
-        A window is of `tau_us` microseconds, ``[start, start + tau_us)``, or ends with its
-        `window_events`-th event at a selected pixel.
+        A window lasts `tau_us`, or ends with its `window_events`-th event at a selected pixel.
     tau_us : int
-        Length of a window by time in microseconds.
+        Length of a window by time in microseconds, below half the clock's period.
     window_events : int
         Events at selected pixels of a window by count.
     timestamp_bits : int
-        Of the device's clock, in microseconds, which wraps. The time that is left of a window is
-        a difference modulo 2 to this power, read as a signed number.
+        Of the device's clock in microseconds, which wraps.
     places : int
         K.
     matching : {"sequence", "filter"}
-        Sequences of L windows, or the place filter (`firmware_model.specification`).
+        Sequences of L windows, or the place filter.
     length : int
         L, windows in a sequence; 0 takes 5. The filter has 1.
     places_per_window : {1, 2}
-        Of the filter, places that start in one window: steps are of 0 to 4 places, or of 0 to 6.
+        Of the filter, places that start in one window.
     gains : {1, 7}
-        Of the filter, hypotheses of the camera's gain that it follows side by side. Seven need
-        contrast codes and windows by time.
+        Of the filter, gains of the camera that it follows side by side: 1, or 7 with contrast codes
+        and windows by time.
     restart : int
         Of the filter, the cost of jumping to any place.
     lanes : int
         P, codes that are compared in one cycle.
     exclusion : int
-        The second best place is looked for more than so many places from the best.
+        The second best place is more than so many places from the best.
     trust : int
-        A match of the filter is accepted if it has a second best place and at least this trust, in
-        units of 1/16 of a metric.
+        Of the filter, the least trust of an accepted match, in units of 1/16 of a metric.
     largest_sum : int
-        A match of sequences is accepted if its sum is at most this.
+        The largest sum of an accepted match of sequences.
     lookup_depth : int
-        Entries of the pixel look-up, a power of two and not less than `width`; 0 takes the smallest
-        that is also at least twice `pixels`.
+        Entries of the pixel look-up, a power of two, at least `width` and `pixels`; 0 takes the
+        smallest that is also at least twice `pixels`.
     """
 
     width: int
