@@ -1,7 +1,7 @@
 """Exact integer arithmetic: widths of counters, codes and sums, and codes of event counts.
 
 Modules that use this package import from its modules, so that another library of the same name
-cannot take its place (see docs/method.md).
+cannot take its place.
 """
 
 from __future__ import annotations

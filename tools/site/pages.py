@@ -132,7 +132,7 @@ STAGES = {
     ),
     "fixedpoint": Stage(
         "Number formats",
-        "Unsigned integers of a given width, and [counter codes](../method.md#number-formats).",
+        "Unsigned integers of a given width, and [counter codes](../method.md#counter-codes).",
         packages=("fixedpoint",),
         names=("fixedpoint.codes.CounterCode",),
     ),
