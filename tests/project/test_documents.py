@@ -251,8 +251,12 @@ def test_the_tutorial_runs_word_for_word_and_prints_what_it_says(tmp_path, monke
                 [program, *words], capture_output=True, text=True, check=True
             ).stdout
         kept = [text for text in shown.splitlines() if "compiling kernels" not in text]
-        assert len(kept) == len(told.splitlines()), line
-        for printed, said in zip(kept, told.splitlines(), strict=True):
+        lines = told.splitlines()
+        if lines[-1:] == ["..."]:  # the page leaves the rest out
+            assert len(kept) > len(lines) > 1, line
+            kept[len(lines) - 1 :] = ["..."]
+        assert len(kept) == len(lines), line
+        for printed, said in zip(kept, lines, strict=True):
             (words, figures), (page_words, page_figures) = map(words_and_figures, (printed, said))
             assert words == page_words, line
             assert figures == pytest.approx(page_figures, rel=_CLOSE, abs=_CLOSE), line

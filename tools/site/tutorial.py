@@ -46,12 +46,15 @@ def rerun(text: str, folder: Path) -> str:
 
     def again(block: re.Match[str]) -> str:
         shown = []
-        for line, _ in commands(block[1]):
+        for line, printed in commands(block[1]):
             run = subprocess.run(
                 line, shell=True, cwd=folder, text=True, check=True,
                 stdout=subprocess.PIPE, stderr=subprocess.STDOUT,
             )  # fmt: skip
             kept = [text for text in run.stdout.splitlines() if "compiling kernels" not in text]
+            lines = printed.splitlines()
+            if lines[-1:] == ["..."]:  # the page leaves the rest out
+                kept[len(lines) - 1 :] = ["..."]
             shown += [f"$ {line}", *kept]
         return "\n".join(["```console", *shown, "```"])
 
