@@ -382,7 +382,6 @@ _COUNTERS = _group(
     ),
     counter_code=SettingField(
         help="how counts are compressed to a few bits; none: not at all",
-        more="See docs/method.md.",
     ),
     counter_bits=SettingField(
         help="bits per code", metavar="B", least=1, most=MAX_BITS, needs=_CODE
@@ -399,7 +398,6 @@ _MATCHING = _group(
     "matching",
     matching=SettingField(
         help="match with the place filter, or by sequences of windows (the paper)",
-        more="See docs/method.md.",
     ),
     filter_restart=SettingField(
         help="place filter: cost of moving to any other place",
@@ -414,8 +412,7 @@ _MATCHING = _group(
         valid=lambda number: number in (1, 7),
         expected="1 or 7",
         more="With 7, neither another speed than that of the map nor another light or camera is "
-        "taken for the other. Codes that are not contrast codes, and windows by count, have 1. See "
-        "docs/method.md.",
+        "taken for the other. Codes that are not contrast codes, and windows by count, have 1.",
         needs=_FILTER,
     ),
     smooth=SettingField(
@@ -459,13 +456,12 @@ _CLEANING = _group(
         key="hot_pixels",
         metavar="find|keep|FILE",
         words={"find": True, "keep": False},
-        more="Only the flag takes a file. See method.md.",
+        more="Only the flag takes a file.",
     ),
     remove_bursts=SettingField(
         help="remove or keep the events of bursts, moments in which most pixels fire",
         key="bursts",
         words={"remove": True, "keep": False},
-        more="See method.md.",
     ),
 )
 TABLE = _PIXELS | _WINDOWS | _COUNTERS | _MATCHING | _CLEANING
