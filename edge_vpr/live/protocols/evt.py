@@ -61,13 +61,13 @@ class EvtDecoder(WordDecoder):
         return [Reading(*row) for row in rows.tolist()]
 
     def _take_words(self, raw: Raw) -> tuple[int, Columns, bool]:
-        if not raw.view(self._words.dtype).flags.aligned:
+        words = raw.view(self._words.dtype)
+        if not words.flags.aligned:
             # The kernels would be compiled again for words that are not aligned, or that are
             # writeable. Only a part is copied, so that a fault does not cause all the rest to be
             # copied again.
-            raw = raw[:_COPIED_BYTES].copy()
-            raw.flags.writeable = False
-        words = raw.view(self._words.dtype)
+            words = words[: _COPIED_BYTES // self._size].copy()
+            words.flags.writeable = False
         used = int(_whole(words, self._name == "evt3", self._shift, *self.sensor))
         columns = self._words.decode(words[:used])
         self.health.reject_undated(self._words.take_undated())
