@@ -180,7 +180,7 @@ class WindowRows(NamedTuple):
 # The algorithm: five steps a window, which the specification and the device name alike.
 
 
-@kernel(inner=True)
+@kernel(inline="always")  # compiled once, with the loop that calls it
 def match_window(
     state: FilterState,
     table: FilterTable,
