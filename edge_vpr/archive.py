@@ -305,14 +305,18 @@ def check_array(
     shape : tuple of int or None
         None stands for any length.
     """
-    wanted = f"{' or '.join(np.dtype(dtype).name for dtype in dtypes)} of shape {_shown(shape)}"
-    if not isinstance(array, np.ndarray):
-        raise MapError(f"{name} is a {type(array).__name__}: expected {wanted}")
-    fits = len(array.shape) == len(shape) and all(
-        length in (None, size) for length, size in zip(shape, array.shape, strict=True)
-    )
-    if not fits or all(array.dtype != np.dtype(dtype) for dtype in dtypes):
-        raise MapError(f"{name} is {array.dtype} of shape {array.shape}: expected {wanted}")
+    if (
+        isinstance(array, np.ndarray)
+        and any(array.dtype == np.dtype(dtype) for dtype in dtypes)
+        and len(array.shape) == len(shape)
+        and all(length in (None, size) for length, size in zip(shape, array.shape, strict=True))
+    ):
+        return
+    stated = f"a {type(array).__name__}"
+    if isinstance(array, np.ndarray):
+        stated = f"{array.dtype} of shape {array.shape}"
+    names = " or ".join(np.dtype(dtype).name for dtype in dtypes)
+    raise MapError(f"{name} is {stated}: expected {names} of shape {_shown(shape)}")
 
 
 def check_range(array: npt.NDArray[Any], name: str, least: int, most: int) -> None:

@@ -25,6 +25,7 @@ import re
 import secrets
 import shutil
 import stat
+import tempfile
 import tomllib
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, suppress
@@ -158,6 +159,51 @@ def check_absent(output: str | Path, overwrite: bool) -> None:
     """Raise UsageError if an output exists and may not be replaced."""
     if not overwrite and Path(output).exists():
         raise UsageError(f"output {output} exists: name another, or replace it with overwrite=True")
+
+
+def check_parent(path: Path) -> None:
+    """Check that the folder of an output exists and is writable, before any work is done.
+
+    Raises
+    ------
+    UsageError
+        If it does not exist, or is not writable.
+    """
+    parent = path.absolute().parent
+    if not parent.is_dir():
+        raise UsageError(f"{parent} is not a folder: make it first")
+    if not os.access(parent, os.W_OK) or not _can_create(parent):
+        raise UsageError(f"cannot write {path}: {parent} is not writable: name another folder")
+
+
+def check_new_file(path: Path, inputs: Iterable[str | Path | None], overwrite: bool) -> None:
+    """Check that a file can be written, before any work is done.
+
+    Parameters
+    ----------
+    inputs : iterable of path or None
+        What the run reads, see `check_output`.
+    overwrite : bool
+        Whether an existing file may be replaced.
+    """
+    check_output(path, inputs)
+    check_parent(path)
+    check_absent(path, overwrite)
+
+
+def check_new_map(path: Path, inputs: Iterable[str | Path | None], overwrite: bool) -> None:
+    """Check that a map can be written, before any work is done; see `check_new_file`."""
+    check_new_file(path, inputs, overwrite)
+    if path.suffix != ".npz":
+        raise UsageError(f"output {path} does not end in .npz: name the map for example map.npz")
+
+
+def _can_create(folder: Path) -> bool:
+    try:
+        with tempfile.TemporaryFile(dir=folder):
+            return True
+    except OSError:
+        return False
 
 
 def clear_dead_runs(folder: str | Path) -> None:

@@ -63,6 +63,7 @@ from edge_vpr.results import (
     RUN,
     WINDOWS,
     RemovedEvents,
+    RunRecord,
     read_run,
     results_folder,
     run_record,
@@ -92,11 +93,11 @@ def match(
     matched = reference.with_settings(settings, changes, "match")
     files = (recording, odometry)
     drive = opened(recording, default=reference.camera)
+    check_sensor(drive.sensor, reference.pixel_map.sensor)
     inputs = tuple(str(each) for each in files if isinstance(each, str | Path))
     if isinstance(drive, Recording) and drive is recording and drive.format != MEMORY:
         inputs = (str(drive.path), *inputs)
     odometry = of_part(drive, odometry_of(odometry))
-    check_sensor(drive.sensor, reference.pixel_map.sensor)
     if every is None:
         result = _match_windows(matched, drive, odometry)
     elif isinstance(drive, WindowSource):
@@ -590,8 +591,8 @@ class MatchResult:
         with results_folder(as_path(folder, "a folder of results"), overwrite, self.inputs) as new:
             self.write(new, self.inputs)
 
-    def write(self, folder: Path, inputs: Sequence[str | Path]) -> None:
-        """Write the files of `save` into an empty folder.
+    def write(self, folder: Path, inputs: Sequence[str | Path]) -> RunRecord:
+        """Write the files of `save` into an empty folder; return the record of the run.
 
         Parameters
         ----------
@@ -606,6 +607,7 @@ class MatchResult:
         run = run_record(settings, inputs, left_out, self.start_us, self.clock_us)
         write_json(folder / RUN, run)
         write_json(folder / METRICS, {} if self.metrics is None else self.metrics)
+        return run
 
     @classmethod
     def load(cls, folder: str | Path) -> MatchResult:

@@ -6,9 +6,7 @@ import datetime
 import hashlib
 import json
 import math
-import os
 import platform
-import tempfile
 import types
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
@@ -22,6 +20,7 @@ from edge_vpr.errors import EdgeVprError, UsageError, printable
 from edge_vpr.files import (
     check_absent,
     check_output,
+    check_parent,
     open_input,
     read_json,
     replacing,
@@ -77,51 +76,6 @@ def check_output_folder(
             f"output {path} also holds {foreign[0]!r}, which is not ours to delete: move it away, "
             "or name another folder"
         )
-
-
-def check_parent(path: Path) -> None:
-    """Check that the folder of an output exists and is writable, before any work is done.
-
-    Raises
-    ------
-    UsageError
-        If it does not exist, or is not writable.
-    """
-    parent = path.absolute().parent
-    if not parent.is_dir():
-        raise UsageError(f"{parent} is not a folder: make it first")
-    if not os.access(parent, os.W_OK) or not _can_create(parent):
-        raise UsageError(f"cannot write {path}: {parent} is not writable: name another folder")
-
-
-def check_new_file(path: Path, inputs: Iterable[str | Path | None], overwrite: bool) -> None:
-    """Check that a file can be written, before any work is done.
-
-    Parameters
-    ----------
-    inputs : iterable of path or None
-        What the run reads, see `check_output`.
-    overwrite : bool
-        Whether an existing file may be replaced.
-    """
-    check_output(path, inputs)
-    check_parent(path)
-    check_absent(path, overwrite)
-
-
-def check_new_map(path: Path, inputs: Iterable[str | Path | None], overwrite: bool) -> None:
-    """Check that a map can be written, before any work is done; see `check_new_file`."""
-    check_new_file(path, inputs, overwrite)
-    if path.suffix != ".npz":
-        raise UsageError(f"output {path} does not end in .npz: name the map for example map.npz")
-
-
-def _can_create(folder: Path) -> bool:
-    try:
-        with tempfile.TemporaryFile(dir=folder):
-            return True
-    except OSError:
-        return False
 
 
 @contextmanager
@@ -395,18 +349,19 @@ def run_record(
     clock_us : int
         Start of the recording, where its clock counts from 1970; else 0.
     """
+    command, warnings = command_line(), warnings_so_far() or None
     versions = {"python": platform.python_version()}
     versions |= {name: version(name) for name in ("edge-vpr", "numpy", "numba")}
     return RunRecord(
         schema=1,
-        command=command_line(),
+        command=command,
         finished_utc=datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds"),
         settings=dict(settings),
         versions=versions,
         machine=Machine(platform.platform(), processor_name()),
         inputs=tuple(hash_input(file) for path in inputs for file in _files(Path(path))),
         removed=removed,
-        warnings=warnings_so_far() or None,
+        warnings=warnings,
         start_us=start_us or None,
         clock_us=clock_us or None,
     )

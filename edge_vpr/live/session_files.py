@@ -10,7 +10,7 @@ from pathlib import Path
 from edge_vpr.descriptors.counting import Removed
 from edge_vpr.errors import UsageError, as_path
 from edge_vpr.events import Events, Sensor
-from edge_vpr.files import check_output, work_folder
+from edge_vpr.files import check_new_file, check_new_map, check_output, work_folder
 from edge_vpr.learning import MapUpdate
 from edge_vpr.live.new_map import make_map
 from edge_vpr.live.reader import Chunk
@@ -19,7 +19,6 @@ from edge_vpr.live.state import StateFile, check_state_file
 from edge_vpr.live.stream_matcher import StreamMatcher
 from edge_vpr.online.localiser import Localiser
 from edge_vpr.reference_map import ReferenceMap
-from edge_vpr.results import check_new_file, check_new_map
 from edge_vpr.settings import Preset, Settings, resolve_settings
 
 

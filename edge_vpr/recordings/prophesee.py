@@ -475,13 +475,13 @@ class EvtSource(Source):
                     "evt21 and evt3"
                 )
             options = replace(options, format=header.encoding)
-        super().__init__(path, options, header.size(options), header.start_us)
         self._endianness = header.endianness
         if self._endianness not in ("little", "big", "legacy"):
             raise RecordingError(
                 f"{path} has the unknown endianness {self._endianness!r}: known are little, big "
                 "and legacy; convert it with Prophesee's tools"
             )
+        super().__init__(path, options, header.size(options), header.start_us)
 
     def chunks(self, log: FaultLog) -> Iterator[Columns]:
         """Yield the events; see :class:`Source`."""

@@ -142,6 +142,8 @@ def detail(text: str) -> None:
 
 def detail_settings(settings: Mapping[str, object]) -> None:
     """Print each setting in effect if verbose."""
+    if not is_verbose():
+        return
     from edge_vpr.settings import setting_words
 
     for key, word in setting_words(settings).items():

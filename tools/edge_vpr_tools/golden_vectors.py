@@ -11,8 +11,8 @@ import numpy.typing as npt
 from edge_vpr.descriptors.counting import EventSource, check_sensor, cleaned
 from edge_vpr.errors import UsageError
 from edge_vpr.events import Events, join_events
+from edge_vpr.files import check_parent
 from edge_vpr.reference_map import ReferenceMap
-from edge_vpr.results import check_parent
 from edge_vpr_tools.estimate.of_map import memories_of
 from edge_vpr_tools.estimate.search import Budget
 from firmware_model import Design, Event

@@ -12,7 +12,7 @@ from edge_vpr_tools.console import error_line, note, number_of, status, summary,
 from edge_vpr_tools.workers import processes
 
 from edge_vpr.errors import EdgeVprError, UsageError
-from edge_vpr.results import check_parent
+from edge_vpr.files import check_parent
 from lab.datasets import damaged_files, listing
 from lab.drives import check_logs, downloads
 from lab.experiments import EXPERIMENTS

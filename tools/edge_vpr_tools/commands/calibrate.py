@@ -90,6 +90,7 @@ LEAST_MATCHES = 100
 def run(args: argparse.Namespace) -> None:
     """Learn the table of probabilities and write it with the map."""
     from edge_vpr import results
+    from edge_vpr.files import check_new_map
     from edge_vpr_tools.truth_files import evaluated_truth, load_evaluated
 
     folder = Path(args.results)
@@ -100,7 +101,7 @@ def run(args: argparse.Namespace) -> None:
             f"{folder} was not evaluated: run edge-vpr evaluate {shell_word(folder)} first"
         )
     if args.output is not None:
-        results.check_new_map(output, [folder, *files.files], args.overwrite)
+        check_new_map(output, [folder, *files.files], args.overwrite)
     result, truth, _ = load_evaluated(folder, files)
     crowded = not (folder / results.QUERIES).is_file() and _every(folder) != "window"
     calibration = calibrate(result.reference, result.matches, truth)

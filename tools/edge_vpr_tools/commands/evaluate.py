@@ -151,7 +151,10 @@ def run(args: argparse.Namespace) -> None:
         route = with_positions(reference, truth.tracks[0]).route
     outcome = outcome_of(reference, matches, evaluation)
     metrics["verdict"] = outcome.sentence()
-    write_report(folder, result, outcome, formats, route, warnings_so_far(), by_tolerance)
+    write_report(
+        folder, result, outcome, formats, results.read_run(folder), route, warnings_so_far(),
+        by_tolerance,
+    )  # fmt: skip
     write_json(folder / results.METRICS, metrics)
     if args.json:
         print(json_text(metrics))

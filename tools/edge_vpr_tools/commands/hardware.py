@@ -43,9 +43,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> None:
     """Write the project."""
-    from edge_vpr.files import check_output, replacing_folder
+    from edge_vpr.files import check_output, check_parent, replacing_folder
     from edge_vpr.reference_map import ReferenceMap
-    from edge_vpr.results import check_parent
     from edge_vpr_tools.estimate.of_map import design_of, memories_of
     from edge_vpr_tools.golden_vectors import vectors_size
     from firmware_model import Design

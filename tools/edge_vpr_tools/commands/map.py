@@ -119,16 +119,10 @@ def run(args: argparse.Namespace) -> None:
     from edge_vpr.descriptors.counting import Removed
     from edge_vpr.evaluation.facts import Drive, facts
     from edge_vpr.evaluation.track_files import load_track
+    from edge_vpr.files import check_new_file, check_new_map
     from edge_vpr.match_result import removed_record
     from edge_vpr.reference_map import KIND, ReferenceMap
-    from edge_vpr.results import (
-        check_new_file,
-        check_new_map,
-        json_text,
-        run_record,
-        to_json,
-        write_json,
-    )
+    from edge_vpr.results import json_text, run_record, to_json, write_json
     from edge_vpr_tools.inputs import describe_faults, describe_removed, open_source, tracked
 
     output = Path(args.output)

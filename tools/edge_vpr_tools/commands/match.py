@@ -7,7 +7,7 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from edge_vpr.errors import UsageError
+from edge_vpr.errors import MapError, UsageError
 from edge_vpr_tools.console import (
     detail_settings,
     shell_word,
@@ -101,6 +101,7 @@ def run(args: argparse.Namespace) -> None:
     from edge_vpr.archive import archive_kind, write_npy
     from edge_vpr.evaluation.match_tracks import check_track_file
     from edge_vpr.evaluation.tables import load_odometry
+    from edge_vpr.files import check_new_file
     from edge_vpr.map_making import of_part
     from edge_vpr.match_result import OnlineMetrics
     from edge_vpr.matching.drive import query_distances
@@ -113,19 +114,22 @@ def run(args: argparse.Namespace) -> None:
     output = Path(args.output)
     inputs = list(filter(None, (args.map, args.recording, args.odometry)))
     results.check_output_folder(output, args.overwrite, inputs)
-    if archive_kind(args.map) != MAP_KIND and archive_kind(args.recording) == MAP_KIND:
-        raise UsageError(
-            f"{args.recording} is the map and {args.map} is not: the map comes first, then the "
-            "recording of the query drive"
-        )
     formats = figure_formats(args.figures)
     matrix = None if args.matrix is None else Path(args.matrix)
     if matrix is not None:
         _check_matrix(matrix, inputs, args)
-    reference = ReferenceMap.load(args.map)
+    try:
+        reference = ReferenceMap.load(args.map)
+    except MapError:
+        if archive_kind(args.recording) != MAP_KIND or archive_kind(args.map) == MAP_KIND:
+            raise
+        raise UsageError(
+            f"{args.recording} is the map and {args.map} is not: the map comes first, then the "
+            "recording of the query drive"
+        ) from None
     for path in args.export or ():
         check_track_file(path, reference)
-        results.check_new_file(Path(path), inputs, args.overwrite)
+        check_new_file(Path(path), inputs, args.overwrite)
     with_flags = with_match_flags(args, reference, online=args.online)
     _ = with_flags.acceptance  # a precision that the table cannot reach is an error before any work
     if args.every is not None and not args.online:
@@ -153,12 +157,12 @@ def run(args: argparse.Namespace) -> None:
         route_m = length_m(along_mm / 1e3, reference.settings.window_parts)
         facts.append(of_part(recording, odometry).beside(matches.time_us, route_m))
     with results.results_folder(output, args.overwrite) as folder:
-        result.write(folder, inputs)
+        run = result.write(folder, inputs)
         outcome = outcome_of(result.reference, matches)
         if not args.no_figures:
             from edge_vpr_tools.report.traverse import write_report
 
-            write_report(folder, result, outcome, formats, facts=facts)
+            write_report(folder, result, outcome, formats, run, facts=facts)
     if args.json:
         print(results.json_text({} if metrics is None else metrics))
     removed = describe_removed(result.removed, with_flags.settings)
@@ -213,7 +217,7 @@ def _match_online(
 
 def _check_matrix(matrix: Path, inputs: list[str], args: argparse.Namespace) -> None:
     """Check that a matrix can be written, before any work is done."""
-    from edge_vpr import results
+    from edge_vpr.files import check_new_file
 
     if args.online:
         raise UsageError(
@@ -221,7 +225,7 @@ def _check_matrix(matrix: Path, inputs: list[str], args: argparse.Namespace) -> 
         )
     if matrix.suffix != ".npy":
         raise UsageError(f"matrix {matrix} does not end in .npy: name it for example distances.npy")
-    results.check_new_file(matrix, inputs, args.overwrite)
+    check_new_file(matrix, inputs, args.overwrite)
 
 
 # Messages on how a query fits its map.

@@ -142,8 +142,9 @@ def _truth(folder: Path) -> TruthFiles | None:
 
 def run(args: argparse.Namespace) -> None:
     """Compute the costs again, draw the frames and write the film."""
+    from edge_vpr.files import check_new_file
     from edge_vpr.match_result import MatchResult
-    from edge_vpr.results import check_new_file, read_run
+    from edge_vpr.results import read_run
     from edge_vpr_tools.report.replay import FPS, frames, replay_of, write_gif
 
     output = Path(args.output)

@@ -186,8 +186,8 @@ def _check_odometry(args: argparse.Namespace) -> None:
 
 
 def _check_files(args: argparse.Namespace) -> None:
+    from edge_vpr.files import check_new_file
     from edge_vpr.live.recorder import check_recorded
-    from edge_vpr.results import check_new_file
 
     of_events = [name for name in args.record if Path(name).suffix != ".bin"]
     if len(of_events) > (0 if args.learn else 1):

@@ -44,7 +44,7 @@ _MOST_SHOWN = 5
 def run(args: argparse.Namespace) -> None:
     """Run the trials, append the rows of each to the file as it ends, and print all."""
     import edge_vpr
-    from edge_vpr.results import check_new_file
+    from edge_vpr.files import check_new_file
     from edge_vpr_tools.sweep.comparison import rows_of, show
     from edge_vpr_tools.sweep.plan import read_plan, run_trial
     from edge_vpr_tools.sweep.table import appending, put_in_order, remaining

@@ -101,8 +101,8 @@ def write(
     """Write a folder of results with its report; see `MatchResult.report`."""
     outcome = outcome_of(result.reference, result.matches, evaluation)
     with results_folder(folder, overwrite, result.inputs) as new:
-        result.write(new, result.inputs)
-        write_report(new, result, outcome, figures)
+        run = result.write(new, result.inputs)
+        write_report(new, result, outcome, figures, run)
         if evaluation is not None:
             metrics = read_json(new / METRICS, "metrics", "match again")
             metrics["ground_truth"] = evaluation.truth.description

@@ -10,12 +10,12 @@ import numpy as np
 import numpy.typing as npt
 from matplotlib.figure import Figure
 
-from edge_vpr import results
 from edge_vpr.descriptors.windows import Descriptors
 from edge_vpr.evaluation.metrics import Evaluation
 from edge_vpr.match_result import MatchResult
 from edge_vpr.matching.matches import Matches
 from edge_vpr.reference_map import ReferenceMap
+from edge_vpr.results import REPORT, RunRecord
 from edge_vpr.route import Route
 from edge_vpr_tools.report.figures import (
     RouteView,
@@ -44,6 +44,7 @@ def write_report(
     result: MatchResult,
     outcome: Outcome,
     formats: Sequence[str],
+    run: RunRecord,
     route: Route | None = None,
     warnings: Sequence[str] = (),
     tolerances: Mapping[str, Evaluation] = MappingProxyType({}),
@@ -53,10 +54,10 @@ def write_report(
 
     Parameters
     ----------
-    folder : path
-        With the run's record and, of a match event by event, the windows of the query.
     formats : sequence of str
         Of `report.FORMATS`: each figure is also written in each.
+    run : RunRecord
+        Of the match.
     route : Route, optional
         Positions of the places; without it, those that the map holds.
     warnings : sequence of str
@@ -68,7 +69,6 @@ def write_report(
     """
     reference, queries = result.reference, result.queries
     matches, truth, evaluation = outcome.matches, outcome.truth, outcome.evaluation
-    run = results.read_run(folder)
     route = reference.route if route is None else route
     page = Page("edge-vpr: matches of a drive")
 
@@ -126,7 +126,7 @@ def write_report(
     add("pixels", selected_pixels(reference),
          "Where the sensor sees change that differs from place to place.")  # fmt: skip
     add_run(page, run)
-    page.write(folder / results.REPORT)
+    page.write(folder / REPORT)
 
 
 def _described(reference: ReferenceMap, matches: Matches) -> str:
