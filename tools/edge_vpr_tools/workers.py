@@ -6,6 +6,7 @@ import multiprocessing
 import os
 import signal
 import threading
+import time
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import CancelledError, Executor, ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
@@ -126,6 +127,21 @@ def mapped(
         except Exception as error:
             result = error
         yield waiting[future], result
+
+
+def trial_line(name: str, number: int, trials: int, begin_s: float, failed: int) -> str:
+    """Return the line that tells of a finished trial, `number` of so many, of a run.
+
+    Parameters
+    ----------
+    begin_s : float
+        Of `time.monotonic`, when the run began.
+    failed : int
+        Trials that have failed so far.
+    """
+    seconds = time.monotonic() - begin_s
+    line = f"{name}: trial {number} of {trials}, after {seconds:.0f} s"
+    return f"{line}, {failed} failed" if failed else line
 
 
 def error_text(error: Exception) -> str:

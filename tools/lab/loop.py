@@ -18,7 +18,7 @@ from typing import Any, NamedTuple
 
 from edge_vpr_tools.report.style import save
 from edge_vpr_tools.report.tables import SEED, TableView, table_of, write_spreadsheet
-from edge_vpr_tools.workers import error_text, mapped
+from edge_vpr_tools.workers import error_text, mapped, trial_line
 from matplotlib.figure import Figure
 
 from edge_vpr.errors import EdgeVprError, UsageError
@@ -162,11 +162,7 @@ def run_experiments(
             with paths[trial.experiment].open("a", encoding="utf-8") as file:
                 file.write(line + "\n")
             finished[trial] = json.loads(line)[-1]
-        seconds = time.monotonic() - begin_s
-        progress(
-            f"{_name(trial)}: trial {number} of {len(left)}, after {seconds:.0f} s"
-            + f", {len(failed)} failed" * bool(failed)
-        )
+        progress(trial_line(_name(trial), number, len(left), begin_s, len(failed)))
     measured = []
     for name, path in paths.items():
         mine = [trial for trial in trials if trial.experiment == name]

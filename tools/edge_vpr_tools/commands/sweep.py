@@ -48,7 +48,7 @@ def run(args: argparse.Namespace) -> None:
     from edge_vpr_tools.sweep.comparison import rows_of, show
     from edge_vpr_tools.sweep.plan import read_plan, run_trial
     from edge_vpr_tools.sweep.table import appending, put_in_order, remaining
-    from edge_vpr_tools.workers import cluster, error_text, mapped, processes
+    from edge_vpr_tools.workers import cluster, error_text, mapped, processes, trial_line
 
     if args.workers is not None and args.scheduler is not None:
         raise UsageError("--workers are of this machine, --scheduler of a cluster: leave one out")
@@ -80,11 +80,10 @@ def run(args: argparse.Namespace) -> None:
                 )
             else:
                 append(trial, result)
-            failed = f", {len(lost)} failed" if lost else ""
-            seconds = time.monotonic() - begin_s
-            note(f"{name}: trial {number} of {len(left)}, after {seconds:.0f} s{failed}")
+            note(trial_line(name, number, len(left), begin_s, len(lost)))
     put_in_order(output, trials)
-    show(rows_of([output]))
+    if rows := rows_of([output]):
+        show(rows)
     for line in lost[:_MOST_SHOWN]:
         warning(line)
     counted = f"{number_of(len(trials), 'trial')}, {len(left) - len(lost)} of them computed now"
