@@ -63,33 +63,29 @@ class Word(IntEnum):
         word.least, word.most, word.text = least, most, text
         return word
 
-    MAGIC = MAGIC, MAGIC, "0x49525056: the bytes `VPRI`"
-    VERSION = VERSION, VERSION, "of this layout"
-    BYTES = HEADER_WORDS * 4, _LONG, "of the image, with header and padding"
-    CRC = 0, _LONG, "CRC-32 of zlib, of all bytes behind this word"
-    WIDTH = 1, MAX_SIDE, "columns of the sensor"
-    HEIGHT = 1, MAX_SIDE, "rows of the sensor"
-    PIXELS = 1, _SHORT, "selected pixels, J; `PIXELS * (2^CODE_BITS - 1)` has 16 bits"
-    STRIDE = ALIGNMENT, _SHORT + 1, "bytes of a place: `PIXELS` rounded up to a multiple of 16"
-    CODE_BITS = 1, 8, "bits of a code"
-    CONTRAST = 0, 1, "1: contrast codes, 0: counts"
-    PLACES = 1, _SHORT, "K; `8 * PLACES * LENGTH` has 32 bits"
-    LENGTH = 1, _SHORT, "windows of a sequence, at most `PLACES`; of the place filter 1"
-    EXCLUSION = 0, _SHORT, "z of the specification"
-    WINDOW_KIND = 0, 1, "0: windows by time, 1: by count"
-    WINDOW = 1, _LONG, "tau, below half the clock's period, or N of the specification"
+    MAGIC = MAGIC, MAGIC, "0x49525056, the bytes `VPRI`"
+    VERSION = VERSION, VERSION, "of the layout"
+    BYTES = HEADER_WORDS * 4, _LONG, "of the image"
+    CRC = 0, _LONG, "CRC-32 of zlib, of all later bytes"
+    WIDTH = 1, MAX_SIDE, "of the sensor"
+    HEIGHT = 1, MAX_SIDE, "of the sensor"
+    PIXELS = 1, _SHORT, "J; times the largest code, at most 65,535"
+    STRIDE = ALIGNMENT, _SHORT + 1, "bytes per place: `PIXELS` rounded up to a multiple of 16"
+    CODE_BITS = 1, 8, "bits per code"
+    CONTRAST = 0, 1, "1: contrast codes"
+    PLACES = 1, _SHORT, "K; `8 * PLACES * LENGTH` below 2^32"
+    LENGTH = 1, _SHORT, "L, at most `PLACES`; filter: 1"
+    EXCLUSION = 0, _SHORT, "z"
+    WINDOW_KIND = 0, 1, "0: time, 1: count"
+    WINDOW = 1, _LONG, "tau in µs, below half the clock's period; or N"
     TIMESTAMP_BITS = 2, 32, "bits of the clock"
-    LARGEST_SUM = 0, LARGEST_SUM, "largest accepted sum of a sequence"
-    LOOKUP_DEPTH = 1, _SHORT + 1, "entries of the look-up: a power of two"
-    PLACES_PER_WINDOW = 0, 2, "of the place filter; 0: sequences"
-    RESTART = 0, MAX_COST << FRACTION_BITS, "of the filter, 4 r of the specification; else 0"
-    TRUST = 0, TRUST_TOP, "of the filter, least accepted trust; else 0"
-    ACTIVITY = (
-        0,
-        EVENTS_TOP << ACTIVITY_FRACTION_BITS,
-        "of the filter and of contrast codes, first `mean_activity` of the specification; else 0",
-    )
-    GAINS = 0, len(GAINS), "of the filter 1 or 7; 7 need contrast codes and windows by time; else 0"
+    LARGEST_SUM = 0, LARGEST_SUM, "largest that is accepted"
+    LOOKUP_DEPTH = 1, _SHORT + 1, "a power of two"
+    PLACES_PER_WINDOW = 0, 2, "0: sequences"
+    RESTART = 0, MAX_COST << FRACTION_BITS, "4 r"
+    TRUST = 0, TRUST_TOP, "least that is accepted"
+    ACTIVITY = 0, EVENTS_TOP << ACTIVITY_FRACTION_BITS, "first `mean_activity`"
+    GAINS = 0, len(GAINS), "1, or 7 with contrast codes and windows by time"
 
 
 class Table(Enum):
@@ -117,29 +113,18 @@ class Table(Enum):
     ) -> None:
         self.entry, self.factors, self.where, self.text = entry, factors, where, text
 
-    DISPLACEMENT = (
-        "H", (Word.HEIGHT,), None,
-        "where the row begins in the look-up, 0 to `LOOKUP_DEPTH` - 1",
-    )  # fmt: skip
+    DISPLACEMENT = "H", (Word.HEIGHT,), None, "0 to `LOOKUP_DEPTH` - 1"
     LOOKUP = (
         "II", (Word.LOOKUP_DEPTH,), None,
-        "bits 17 to 31 row, 1 to 16 column, 0xFFFFFFFF without a pixel; then its slot. "
+        "row (bits 17 to 31) and column (1 to 16), or 0xFFFFFFFF for no pixel; then the slot. "
         "Pixel (x, y) is at `(x + displacement[y]) mod LOOKUP_DEPTH`",
     )  # fmt: skip
-    PLACES = "B", (Word.PLACES, Word.STRIDE), None, "codes of each place, and zeros behind them"
-    LEVEL = (
-        "H", (len(LEVELS),), Word.CONTRAST, f"T of the specification, 0 to {LEVEL_TOP}",
-    )  # fmt: skip
+    PLACES = "B", (Word.PLACES, Word.STRIDE), None, "codes, padded with zeros"
+    LEVEL = "H", (len(LEVELS),), Word.CONTRAST, f"T, 0 to {LEVEL_TOP}"
     MEAN = "H", (Word.PIXELS,), Word.CONTRAST, f"initial means, 0 to {LEVEL_TOP}"
-    LIMITS = (
-        "H", (Word.PIXELS,), Word.CONTRAST, f"most events that count, 0 to {FULL_SCALE}",
-    )  # fmt: skip
-    PLACE_ACTIVITY = (
-        "b", (Word.PLACES,), Word.PLACES_PER_WINDOW, "A of the specification, -128 to 127",
-    )  # fmt: skip
-    PLACE_BIAS = (
-        "B", (Word.PLACES,), Word.PLACES_PER_WINDOW, "B of the specification, 0 to 255",
-    )  # fmt: skip
+    LIMITS = "H", (Word.PIXELS,), Word.CONTRAST, f"most events that count, 0 to {FULL_SCALE}"
+    PLACE_ACTIVITY = "b", (Word.PLACES,), Word.PLACES_PER_WINDOW, "A, -128 to 127"
+    PLACE_BIAS = "B", (Word.PLACES,), Word.PLACES_PER_WINDOW, "B, 0 to 255"
 
     def size(self, header: Mapping[int, int]) -> int:
         """Return its bytes, without padding, in an image of this header."""
@@ -244,12 +229,12 @@ def page() -> str:
     for word in Word:
         span = f"{word.least:,}" + (f" to {word.most:,}" if word.most > word.least else "")
         lines.append(f"| {word:d} | `{word.name}` | {span} | {word.text} |")
-    lines += ["", "| table | entries | of | |", "| --- | --- | --- | --- |"]
+    lines += ["", "| table | entries | type | |", "| --- | --- | --- | --- |"]
     for table in Table:
         factors = (f"`{f.name}`" if isinstance(f, Word) else f"{f:,}" for f in table.factors)
         number = " * ".join(factors)
         if table.where is not None:
-            number += f"; none if `{table.where.name}` is 0"
+            number += f" if `{table.where.name}`"
         lines.append(f"| {table.name.lower()} | {number} | {names[table.entry]} | {table.text} |")
     return "\n".join(lines)
 
