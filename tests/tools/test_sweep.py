@@ -197,7 +197,7 @@ def test_a_failed_trial_stops_no_other_and_is_tried_again(plan_file, tmp_path, c
     (tmp_path / "monday.npz").rename(tmp_path / "moved.npz")
     assert sweep(plan_file, tmp_path / "none.csv", code=1) == []
     said = capsys.readouterr().err
-    assert "monday.npz does not exist" in said and "internal error" not in said
+    assert "monday.npz is not there" in said and "internal error" not in said
 
 
 def test_a_file_takes_one_sweep_at_a_time_and_is_never_somebody_elses(plan_file, tmp_path, capsys):
