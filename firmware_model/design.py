@@ -98,43 +98,41 @@ class Design:
     Parameters
     ----------
     width, height : int
-        Of the sensor, in pixels.
+        Of the sensor.
     pixels : int
         J, selected pixels.
     code : {"counts", "contrast"}
-        Counts, which saturate at the largest code; or contrast codes, those of
-        `fixedpoint.own_mean.OwnMeanCode`.
+        Saturating counts, or contrast codes.
     code_bits : int
-        Of contrast codes 1 to 8.
+        Of contrast codes at most 8.
     window : {"time", "count"}
-        A window lasts `tau_us`, or ends with its `window_events`-th event at a selected pixel.
+        A window ends by time, or by its number of events.
     tau_us : int
-        Length of a window by time in microseconds, below half the clock's period.
+        Length of a window by time in µs, below half the clock's period.
     window_events : int
-        Events at selected pixels of a window by count.
+        Events at selected pixels in a window by count.
     timestamp_bits : int
-        Of the device's clock in microseconds, which wraps.
+        Of the clock in µs, which wraps.
     places : int
         K.
     matching : {"sequence", "filter"}
         Sequences of L windows, or the place filter.
     length : int
-        L, windows in a sequence; 0 takes 5. The filter has 1.
+        L; 0 takes 5. The filter has 1.
     places_per_window : {1, 2}
-        Of the filter, places that start in one window.
+        Filter: places that start in one window.
     gains : {1, 7}
-        Of the filter, gains of the camera that it follows side by side: 1, or 7 with contrast codes
-        and windows by time.
+        Filter: gains of the camera; 7 need contrast codes and windows by time.
     restart : int
-        Of the filter, the cost of jumping to any place.
+        Filter: cost of a jump to any place.
     lanes : int
-        P, codes that are compared in one cycle.
+        P, codes compared per clock.
     exclusion : int
         The second best place is more than so many places from the best.
     trust : int
-        Of the filter, the least trust of an accepted match, in units of 1/16 of a metric.
+        Filter: least accepted trust, in 1/16 of a metric.
     largest_sum : int
-        The largest sum of an accepted match of sequences.
+        Sequences: largest accepted sum.
     lookup_depth : int
         Entries of the pixel look-up, a power of two, at least `width` and `pixels`; 0 takes the
         smallest that is also at least twice `pixels`.

@@ -37,9 +37,10 @@ typedef struct {
 enum { VPR_RECORD_CASE = 0, VPR_RECORD_READY = 4, VPR_RECORD_REFUSED = 5 };
 
 /* Wait for a case from `edge-vpr golden verify --port`, run it and send its records. The host sends
- * VPR_LINE_MAGIC, the case's number, its start, the bytes of its image and the number of its events;
- * then the image and the events, as far as the records say ready. `memory` takes image and state, and
- * is aligned to 16 bytes. */
+ * VPR_LINE_MAGIC, the case's number, its start, the bytes of its image and the number of its events,
+ * each a 32-bit word, little-endian; then the image and the events (image.bin, events.bin), as far as
+ * the records say ready. The device sends the record of the case first. `memory` takes image and
+ * state, and is aligned to 16 bytes. */
 void vpr_replay_line(const vpr_line_t *line, uint32_t *memory, uint32_t memory_bytes);
 
 #endif
