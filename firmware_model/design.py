@@ -122,7 +122,7 @@ class Design:
     places_per_window : {1, 2}
         Filter: places that start in one window.
     gains : {1, 7}
-        Filter: gains of the camera; 7 need contrast codes and windows by time.
+        Filter: gains of the camera, 1 or 7; 7 need contrast codes and windows by time.
     restart : int
         Filter: cost of a jump to any place.
     lanes : int

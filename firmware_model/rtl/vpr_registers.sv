@@ -1,5 +1,4 @@
-// Registers of vpr_axi_lite; vpr_registers.h has the same for C, and docs/hardware.md says what they
-// are.
+// Registers of vpr_axi_lite; vpr_registers.h has the same for C, and says what they are.
 package vpr_registers;
     localparam logic [7:0] ID               = 8'h00;
     localparam logic [7:0] DESIGN           = 8'h04;
