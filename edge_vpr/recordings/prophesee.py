@@ -312,6 +312,18 @@ def decode_evt21(words, state, t, x, y, p):  # type: ignore[no-untyped-def]
     return n
 
 
+#: What a word of EVT 3.0 does to the packed event, by its kind: the bits that stay, where its
+#: value goes, and whether it is an event. Bits 0 to 11 are column and polarity, as in the word of a
+#: single event; 16 to 27 the row, 28 the 12th bit of the column, and 32 to 43 the low bits of the
+#: time.
+_PACKING = np.zeros((16, 3), np.uint64)
+_PACKING[:, 0] = np.uint64((1 << 64) - (1 << 12))
+_PACKING[0] = (1 << 64) - 1 - (0xFFF << 16), 16, 0
+_PACKING[2, 2] = 1
+_PACKING[6] = (1 << 64) - 1 - (0xFFF << 32), 32, 0
+_SINGLE = np.uint64(0xFFF)
+
+
 @kernel
 def decode_evt3(words, state, t, x, y, p):  # type: ignore[no-untyped-def]
     """Decode 16-bit words, each of which changes a part of the state or holds events.
@@ -321,62 +333,73 @@ def decode_evt3(words, state, t, x, y, p):  # type: ignore[no-untyped-def]
     """
     s, n, start = state[0], 0, 0
     low, row, column, polarity = s["low"], s["row"], s["first"], s["polarity"]
-    # Events are first packed to a word each, without a branch for single ones: every word is
-    # written, and the next one overwrites it unless it is an event. Bits 0 to 11 are column and
-    # polarity as in a word of EVT 3.0, 16 the row, 28 the 12th bit of the column, 32 the low time.
     packed = np.empty(12 * _BLOCK, np.uint64)
     while start < words.size:
-        high = s["high"]
-        dated = high >= 0 and low >= 0 and row >= 0
+        dated, highs = s["high"] >= 0 and low >= 0 and row >= 0, np.uint64(s["high"])
         block = words[start : start + (_BLOCK if dated else 1)]
-        events, turned = np.uint64(0), False
-        rows, lows, highs = np.uint64(row << 16), np.uint64(low << 32), np.uint64(high)
-        for at in range(block.size):
+        now = np.uint64(low << 32 | row << 16) if dated else np.uint64(0)
+        events, turned, kind, value = np.uint64(0), False, np.uint64(0), np.uint64(0)
+        plain, same = dated, np.uint16(0x8000 | highs & np.uint64(4095))
+        for i in range(block.size):  # compiles to vectors
+            sort = np.uint16(block[i] >> np.uint16(12))
+            plain &= not (((sort == 8) & (block[i] != same)) | ((sort >= 3) & (sort <= 5)))
+        # Without a branch where the block has only single events: every word is written, and the
+        # next one overwrites it unless it is an event.
+        for i in range(block.size if plain else 0):
+            word = np.uint64(block[i])
+            kind = word >> np.uint64(12)
+            now = now & _PACKING[kind, 0] | (word & np.uint64(4095)) << _PACKING[kind, 1]
+            packed[events] = now
+            events += _PACKING[kind, 2]
+        at = block.size - 1
+        for at in range(0 if plain else block.size):
             word = np.uint64(block[at])
             kind, value = word >> np.uint64(12), word & np.uint64(4095)
             turned = (kind == 8) & (value != highs)
-            if turned:
-                break
-            if np.uint64(3) <= kind < np.uint64(6):  # vectors
-                if kind == 3:  # the first column
+            if turned | ((kind >= 3) & (kind < 6)):
+                if turned:
+                    break
+                if kind == 3:  # the first column of a vector, and its polarity
                     column = np.int64(value & np.uint64(2047))
                     polarity = np.int64(value & np.uint64(2048))
                     continue
                 width = 12 if kind == 4 else 8  # columns, one bit each
                 valid = np.int64(value) & ((1 << width) - 1)
-                at_column = column
-                while valid:
-                    if column >= 0:
-                        place = polarity | at_column & 2047 | (at_column & 2048) << 17
-                        packed[events] = rows | lows | np.uint64(place)
-                        events += np.uint64(valid & 1)
-                    else:
-                        s["undated"] += valid & 1
-                    valid >>= 1
-                    at_column += 1
-                # a column beyond the last one stays at 2048
-                column = min(column + width, 2048) if column >= 0 else column
+                if column < 0:
+                    while valid:
+                        s["undated"] += 1
+                        valid &= valid - 1
+                    continue
+                kept = now & ~_SINGLE | np.uint64(polarity)
+                for bit in range(12):
+                    place = np.uint64((column + bit) & 2047 | (column + bit & 2048) << 17)
+                    packed[events] = kept | place
+                    events += np.uint64(valid >> bit & 1)
+                column = min(column + width, 2048)  # one beyond the last one stays at 2048
                 continue
-            packed[events] = rows | lows | value
-            events += np.uint64(kind == 2)
-            rows = value << np.uint64(16) if kind == 0 else rows
-            lows = value << np.uint64(32) if kind == 6 else lows
+            now = now & _PACKING[kind, 0] | value << _PACKING[kind, 1]
+            packed[events] = now
+            events += _PACKING[kind, 2]
         start += at + 1
-        row = np.int64(rows) >> 16 & 2047 if np.int64(rows) >= 0 else row
-        low = np.int64(lows) >> 32 if high >= 0 else np.int64(-1)  # useless without high ones
         if dated:
-            base = s["time_base"] << 12
-            for i in range(np.int64(events)):
+            row, low = np.int64(now) >> 16 & 2047, np.int64(now) >> 32
+            base, end = s["time_base"] << 12, n + np.int64(events)
+            # columns of their own, so that the loop compiles to vectors
+            t_of, x_of, y_of, p_of = t[n:end], x[n:end], y[n:end], p[n:end]
+            for i in range(t_of.size):
                 event = np.int64(packed[i])
-                t[n] = base | event >> 32
-                x[n] = event & 2047 | event >> 17 & 2048
-                y[n] = event >> 16 & 2047
-                p[n] = event & 2048 != 0
-                n += 1
-        else:
+                t_of[i] = base | event >> 32
+                x_of[i] = np.uint16(event & 2047 | event >> 17 & 2048)
+                y_of[i] = np.uint16(event >> 16 & 2047)
+                p_of[i] = event & 2048 != 0
+            n = end
+        else:  # a word at a time, until time and row are stated
             s["undated"] += np.int64(events)
+            row = np.int64(value) & 2047 if kind == 0 else row
+            if kind == 6 and s["high"] >= 0:  # useless without high ones
+                low = np.int64(value)
         if turned:
-            _advance_evt3(s, np.int64(words[start - 1]) & 4095)
+            _advance_evt3(s, np.int64(value))
             low = min(low, 0)
     s["low"], s["row"], s["first"], s["polarity"] = low, row, column, polarity
     return n
