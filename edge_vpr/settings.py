@@ -382,6 +382,7 @@ _COUNTERS = _group(
     ),
     counter_code=SettingField(
         help="how counts are compressed to a few bits; none: not at all",
+        more="Another code than log, or a clip, turns contrast into shared, which has one gain.",
     ),
     counter_bits=SettingField(
         help="bits per code", metavar="B", least=1, most=MAX_BITS, needs=_CODE

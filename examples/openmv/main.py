@@ -2,7 +2,7 @@
 
 Save it on the camera as main.py, and connect the transmit pin of UART to the host:
 
-    edge-vpr stream --port /dev/ttyUSB0 --baud 921600 --protocol evpr --map route.npz
+    edge-vpr stream --port /dev/ttyUSB0 --baud 921600 --protocol evpr --map map.npz --precision 0.99
 
 Events that the line cannot carry are dropped and counted; what the sensor drops is not counted.
 """

@@ -119,13 +119,17 @@ DEFAULT_PRESET: Preset = "default"
 _MATCHING_GROUP = "matching"
 
 
-def add_map_flags(parser: argparse.ArgumentParser, *, fitting_window: bool = False) -> None:
+def add_map_flags(
+    parser: argparse.ArgumentParser, *, fitting_window: bool = False, of_map: bool = False
+) -> None:
     """Add the flags of all settings.
 
     Parameters
     ----------
     fitting_window : bool
         Take ``--tau auto`` too, which stays the word.
+    of_map : bool
+        Matching begins with the settings of a map, if the command is given one.
     """
     group = parser.add_argument_group(
         "settings",
@@ -138,7 +142,8 @@ def add_map_flags(parser: argparse.ArgumentParser, *, fitting_window: bool = Fal
     group.add_argument("--config", metavar="FILE", help="TOML file with settings")
     for title in ("pixels", "windows", "counters", "cleaning"):
         _add_flags(parser.add_argument_group(title), title, auto="tau" if fitting_window else "")
-    add_match_flags(parser.add_argument_group(_MATCHING_GROUP))
+    default = "the map's, or for a new one {}" if of_map else ""
+    add_match_flags(parser.add_argument_group(_MATCHING_GROUP), default)
 
 
 def add_match_flags(parser: argparse._ActionsContainer, default: str = "") -> None:
@@ -147,7 +152,8 @@ def add_match_flags(parser: argparse._ActionsContainer, default: str = "") -> No
     Parameters
     ----------
     default : str, optional
-        Text that the help shows as the default; empty for the value of the preset.
+        Text that the help shows as the default, ``{}`` in it for the value of the preset; empty
+        for that value.
     """
     _add_flags(parser, _MATCHING_GROUP, default)
 
@@ -227,7 +233,7 @@ def _add_flags(
     for field in _of_group(group):
         preset = field.word(getattr(PRESETS[DEFAULT_PRESET], field.name))
         names = [field.flag] if field.short is None else [field.flag, field.short]
-        text = f"{field.help} (default: {default or preset})"
+        text = f"{field.help} (default: {(default or '{}').format(preset)})"
         form = _form(field)
         if field.key == auto:
             text = (

@@ -71,7 +71,7 @@ def run(args: argparse.Namespace) -> None:
         address = printable(link.address)
         print(f"{address} waits for a host: edge-vpr stream --port {address} "
               f"--protocol {printable(host)} --sensor {recording.sensor} --map MAP.npz "
-              "(to make one: --learn -o MAP.npz)", flush=True)  # fmt: skip
+              "--precision 0.99 (to make a map: --learn -o MAP.npz)", flush=True)  # fmt: skip
         # no file waits for an orderly end, so that a second signal is as good as the first
         with stopped_by_signals(bridge.stopping), suppress(KeyboardInterrupt):
             bridge.run(recording)

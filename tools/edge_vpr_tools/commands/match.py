@@ -38,7 +38,7 @@ if TYPE_CHECKING:
 
 EXAMPLES = """\
   edge-vpr match monday.npz tuesday.raw -o tuesday
-  edge-vpr match monday.npz tuesday.raw -o online --online --every 50ms
+  edge-vpr match monday.npz tuesday.raw -o online --online --every 50ms --precision 0.99
   edge-vpr match monday.npz tuesday.raw -o robot --no-smooth --precision 0.99 --overwrite"""
 MAIN_FLAGS = (
     "--output",

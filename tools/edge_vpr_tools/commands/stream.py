@@ -37,8 +37,8 @@ if TYPE_CHECKING:
 _ALIVE_S = 5.0
 
 EXAMPLES = """\
-  edge-vpr stream --port /dev/ttyUSB1 --protocol evpr --map monday.npz
-  edge-vpr stream --port tcp://board:7000 --protocol evt3 --map monday.npz --log run.jsonl
+  edge-vpr stream --port /dev/ttyUSB1 --protocol evpr --map monday.npz --precision 0.99
+  edge-vpr stream --port tcp://pi:5000 --protocol evt3 --map monday.npz --precision 0.99 --http 7000
   edge-vpr stream --port /dev/ttyACM0 --protocol evpr --sensor 64x64 --learn -o new.npz"""
 MAIN_FLAGS = (
     "--port",
@@ -147,7 +147,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "-o", "--output", metavar="MAP.npz",
         help="with --learn, the map to write; meanwhile the drive is matched with the map of --map",
     )  # fmt: skip
-    add_map_flags(parser)
+    add_map_flags(parser, of_map=True)
 
 
 # Checks of the arguments of `edge-vpr stream`.

@@ -133,7 +133,7 @@ def find(root: Path) -> tuple[list[Sensor], list[Missing]]:
         return sensors, []
     if refused:
         return [], [Missing("power monitor", "; ".join(refused), "check its wiring and driver")]
-    reason = "no INA219, 226, 228, 260 or 3221 among the hwmon devices"
+    reason = f"no {', '.join(CHIPS).upper()} among the hwmon devices"
     remedy = (
         "wire one in the 5 V line, and tell the kernel (for an INA226 on bus 1: "
         "echo ina226 0x40 | sudo tee /sys/bus/i2c/devices/i2c-1/new_device)"
