@@ -396,8 +396,8 @@ def decode_evt3(words, state, t, x, y, p):  # type: ignore[no-untyped-def]
         else:  # a word at a time, until time and row are stated
             s["undated"] += np.int64(events)
             row = np.int64(value) & 2047 if kind == 0 else row
-            if kind == 6 and s["high"] >= 0:  # useless without high ones
-                low = np.int64(value)
+            # useless without high ones
+            low = np.int64(value) if kind == 6 and s["high"] >= 0 else low
         if turned:
             _advance_evt3(s, np.int64(value))
             low = min(low, 0)

@@ -102,6 +102,8 @@ def watched_trace(case: Case) -> tuple[Trace, dict[str, int]]:
                 _see_match(case.design, result, rows, tally)
         tally["gap"] += ended >= 3
     done.states = machine.states
+    if case.design.pauses:
+        facts.see_case(case, done)
     return done, dict(tally)
 
 

@@ -7,8 +7,10 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Iterator
-from typing import NamedTuple
+from contextlib import contextmanager
+from typing import TYPE_CHECKING, Any, NamedTuple
 
+from firmware_model import specification
 from firmware_model.design import (
     ACTIVITY_FRACTION_BITS,
     BIAS_TOP,
@@ -33,6 +35,7 @@ from firmware_model.specification import (
     Machine,
     MatchResult,
     Rows,
+    Trace,
     advance,
     change_gain,
     decide,
@@ -40,6 +43,7 @@ from firmware_model.specification import (
     evidence,
     ilog,
     is_pause,
+    mean_activity_after,
     mean_shift,
     move,
     row_of,
@@ -51,6 +55,9 @@ from firmware_model.specification import (
 )
 from fixedpoint.activity import BANK_COSTS, GAINS, PAUSE_SHIFT, SAME_ROW, SUMS
 from fixedpoint.own_mean import FIRST_SHIFT, LAST_SHIFT, LEVEL_FRACTION_BITS, MEAN_FRACTION_BITS
+
+if TYPE_CHECKING:
+    from firmware_model.vectors.case import Case
 
 #: bits of mean numbers of events that no window of a small case has
 LARGE_MEANS = range(19, 24)
@@ -94,6 +101,9 @@ FILTER = {
         for n in LARGE_MEANS
     },
     "decay_rounded": "a pause that takes from the mean what 1,024 does not divide",
+    "decay_decides": "a case that would be another had this been rounded towards 0",
+    "silence_of_nothing": "a window without events, of a mean of 0",
+    "silence_decides": "a case that would be another were only few events a pause, of any mean",
     "restarted": "a place that nothing leads to for less than a restart",
     "pause_restarted": "a best place in a window that pauses that only a restart leads to",
     "evidence_saturated": "a place whose evidence is at its largest, and would be above it",
@@ -159,6 +169,7 @@ SEVERAL_GAINS = {
     "speed_saturated": "a mean speed that moves after 63 windows",
     "speed_below_nothing": "a negative mean speed that does not move by whole parts of an octave",
     "sum_above_1023": "a sum of counts that is above the largest count",
+    "large_sum_decides": "a case that would be another had such a sum 10 bits",
     "mean_apart": "a window whose running mean is an octave or more from the map's",
 }  # fmt: skip
 #: facts of contrast codes
@@ -179,6 +190,11 @@ CONTRAST = {
         f"mean_shift_{n}": f"a mean that moves by 1/{1 << n}"
         for n in range(FIRST_SHIFT, LAST_SHIFT + 1)
     },
+    **{
+        f"mean_shift_{n}_decides": f"a case that would be another had no mean moved by 1/{1 << n}"
+        for n in range(FIRST_SHIFT + 1, LAST_SHIFT + 1)
+    },
+    "last_shift_stays": "a case that would be another had the number of windows begun anew",
     "highest_mean": "a counter whose running mean is the largest there is",
     "window_above_1023": "a window with a number above 1,023",
     "events_above_16_bits": "a window with more events than 16 bits can count",
@@ -247,6 +263,7 @@ class Facts:
         tally["first_window_pauses"] += first and paused
         tally["pause"] += paused and not first
         tally["pause_with_events"] += paused and counted > 0
+        tally["silence_of_nothing"] += counted == 0 == mean
         threshold = counted << (ACTIVITY_FRACTION_BITS + PAUSE_SHIFT)
         tally["pause_at_threshold"] += counted > 0 and mean == threshold + 1
         tally["busy_at_threshold"] += counted > 0 and mean == threshold
@@ -424,6 +441,16 @@ class Facts:
             self.tally[name] += differs
             self._others[name] = None if differs else other.state
 
+    def see_case(self, case: Case, done: Trace) -> None:
+        """Run a whole case again, on each device without a rule on which it may depend."""
+        for name, (needed, rule, other) in _OTHER_DEVICES.items():
+            if self.tally[needed]:
+                with _replaced(rule, other):
+                    results = case.trace()
+                self.tally[name] += (results.windows, results.matches) != (
+                    done.windows, done.matches,
+                )  # fmt: skip
+
     def _see_means(self) -> None:
         tally, kept, design = self.tally, self._kept, self.machine.design
         paused = is_pause(self.machine.that_count, kept.mean_activity)
@@ -456,6 +483,45 @@ class Facts:
                 tally["mean_rises_by_part"] += part and left > 0
         if not paused:
             tally[f"mean_shift_{shift}"] += 1
+
+
+#: By the fact that says that a rule of `specification` decides: a fact without which it cannot,
+#: and the function that another device has in its place.
+_OTHER_DEVICES: dict[str, tuple[str, str, Callable[..., Any]]] = {
+    **{
+        f"mean_shift_{n}_decides": (
+            f"mean_shift_{n}", "mean_shift", lambda moves, most=n - 1: min(mean_shift(moves), most)
+        )
+        for n in range(FIRST_SHIFT + 1, LAST_SHIFT + 1)
+    },
+    "last_shift_stays": (
+        f"mean_shift_{LAST_SHIFT}", "mean_shift",
+        lambda moves: mean_shift(moves % ((1 << LAST_SHIFT) - 16)),
+    ),
+    "large_sum_decides": (
+        "sum_above_1023", "sums_of",
+        lambda newest, number: [[n & 1023 for n in one] for one in sums_of(newest, number)],
+    ),
+    "silence_decides": (
+        "silence_of_nothing", "is_pause", lambda counted, mean: counted * 2048 < mean
+    ),
+    "decay_decides": (
+        "busy_at_threshold", "mean_activity_after",
+        lambda mean, counted: mean - (mean >> 10) if is_pause(counted, mean)
+        else mean_activity_after(mean, counted),
+    ),
+}  # fmt: skip
+
+
+@contextmanager
+def _replaced(name: str, other: Callable[..., Any]) -> Iterator[None]:
+    """Replace a function of the specification in the block."""
+    kept = getattr(specification, name)
+    setattr(specification, name, other)
+    try:
+        yield
+    finally:
+        setattr(specification, name, kept)
 
 
 class _Rule(NamedTuple):

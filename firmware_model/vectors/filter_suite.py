@@ -19,8 +19,8 @@ from firmware_model.specification import gains_of, ilog, mean_activity_after
 from firmware_model.specification_drive import bias_of, typical_distances
 from firmware_model.vectors.case import Case, Stream
 from firmware_model.vectors.coverage import coverage
-from firmware_model.vectors.facts import SEVERAL_GAINS, facts_for
-from fixedpoint.activity import EVENTS_TOP, PARTS
+from firmware_model.vectors.facts import CONTRAST, SEVERAL_GAINS, facts_for
+from fixedpoint.activity import EVENTS_TOP, PARTS, PAUSE_SHIFT
 from fixedpoint.own_mean import FIRST_SHIFT, LAST_SHIFT
 
 #: pixels of which a design must have so many to show every fact
@@ -393,12 +393,13 @@ def _many(name: str, design: Design, rng: np.random.Generator, drawn: int) -> Ca
 def _long(name: str, design: Design, rng: np.random.Generator, drawn: int) -> Case:
     """Draw as many windows as means take for their last shift, and more."""
     design = replace(design, places=3, window="time", code="contrast")
-    stream = Stream(design)
-    number = 40 + (1 << LAST_SHIFT) if rng.random() < 0.5 else 1030
-    for window in range(number):
-        for slot in rng.integers(0, design.slots, 1 + window % 3):
-            stream.slot(int(slot))
-        stream.end()
+    stream, busy = Stream(design), rng.permutation(design.slots)[:ENOUGH_PIXELS]
+    many = drawn % 2 > 0
+    for window in range(1030 if many else 40 + (1 << LAST_SHIFT)):
+        counts = [0] * design.slots
+        for slot in busy[: 1 + window % 3] if many else busy:
+            counts[slot] = 1 if many else int(rng.poisson(1 + 2 * (window // 30 % 2)))
+        stream.fill(counts)
     # a pause, and counts whose codes the means decide
     stream.unselected()
     stream.end()
@@ -407,6 +408,25 @@ def _long(name: str, design: Design, rng: np.random.Generator, drawn: int) -> Ca
     stream.close()
     codes = rng.integers(0, design.code_max + 1, (design.places, design.slots)).tolist()
     return stream.case(name, codes, mean=_means(design, rng), activity=2 << ACTIVITY_FRACTION_BITS)
+
+
+def _pauses(name: str, design: Design, rng: np.random.Generator, drawn: int) -> Case:
+    """Draw silence before any event, or a mean that rounding brings to the threshold of a pause."""
+    design = replace(design, places=int(rng.choice([4, 9])), window="time")
+    number = int(rng.integers(1, 30))
+    mean = number << ACTIVITY_FRACTION_BITS + PAUSE_SHIFT
+    activity = 0
+    if drawn % 2:
+        wider = range(mean, mean + mean // 512 + 4)
+        activity = next(n for n in wider if n % 1024 and mean_activity_after(n, 0) == mean)
+    stream = Stream(design)
+    for events in (0, number, 0, number, 2 * number):
+        if not events:
+            stream.unselected()
+        stream.fill(_spread(events, design, rng))
+    stream.close()
+    codes = rng.integers(0, design.code_max + 1, (design.places, design.slots)).tolist()
+    return stream.case(name, codes, activity=activity)
 
 
 def _loud(name: str, design: Design, rng: np.random.Generator, drawn: int) -> Case:
@@ -422,7 +442,8 @@ def _loud(name: str, design: Design, rng: np.random.Generator, drawn: int) -> Ca
     limits = [int(limit) for limit in rng.choice([0, 5, 1023], design.slots)]
     return stream.case(
         name, codes, mean=_means(design, rng), limits=limits,
-        activity=int(rng.integers(20, 900)) << ACTIVITY_FRACTION_BITS,
+        activity=int(2 ** rng.choice([rng.uniform(4, 10), rng.uniform(10, 12.5)]))
+        << ACTIVITY_FRACTION_BITS,
     )  # fmt: skip
 
 
@@ -478,6 +499,7 @@ _KINDS: dict[str, Draw] = {
     "near": _near,
     "many": _many,
     "long": _long,
+    "pauses": _pauses,
     "loud": _loud,
     "busy": _busy,
     "large_means": _large_means,
@@ -489,7 +511,13 @@ _AIMED: dict[str, set[str]] = {
     "logarithm": set(_LOGARITHMS),
     "sums": {name for name in SEVERAL_GAINS if name.endswith(("decide", "decides"))},
     "many": {"ties_above_255"},
-    "long": {"mean_shift_7", "mean_shift_8", "window_above_1023", "speed_saturated"},
+    "long": {
+        "window_above_1023",
+        "speed_saturated",
+        "last_shift_stays",
+        *(name for name in CONTRAST if name.startswith("mean_shift_")),
+    },
+    "pauses": {"silence_of_nothing", "silence_decides", "decay_decides"},
     "busy": {"events_above_16_bits"},
     "large_means": {f"mean_of_{n}_bits" for n in range(19, 24)},
     "halves": {"mean_of_a_half"},

@@ -232,7 +232,7 @@ def standard_suites(design: Design, seed: int, only: str | None = None) -> dict[
         "random": lambda: [*random_cases(design, rng), *window_cases(design, rng)],
     }
     if design.pauses:
-        makers["filter"] = lambda: filter_cases(design)
+        makers["filter"] = lambda: filter_cases(design, seed)
     return {suite: make() for suite, make in makers.items() if only in (None, suite)}
 
 

@@ -133,7 +133,7 @@ def run(args: argparse.Namespace) -> None:
         )
         note(f"the recording's case has {windows} of --max-windows {args.max_windows}: {why}")
     for suite in manifest.suites:
-        missed = [corner for corner, number in aimed_corners(suite).items() if number == 0]
+        missed = [corner for corner, number in aimed_corners(suite, design).items() if number == 0]
         if missed:
             cases = "case that is left" if left_out else "case of this design"
             note(f"{suite.name}: no {cases} reaches these corners: {', '.join(missed)}")
@@ -142,7 +142,7 @@ def run(args: argparse.Namespace) -> None:
             sum(getattr(case, what) for case in suite.cases)
             for what in ("events", "windows", "matches")
         )
-        aimed = aimed_corners(suite)
+        aimed = aimed_corners(suite, design)
         reached = f", {sum(map(bool, aimed.values()))} of its {len(aimed)} corners" if aimed else ""
         of = f"{len(suite.cases)} of " if left_out.get(suite.name) else ""
         every = len(made.get(suite.name, suite.cases))
