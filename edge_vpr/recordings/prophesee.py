@@ -392,7 +392,7 @@ def decode_evt3(words, state, t, x, y, p):  # type: ignore[no-untyped-def]
                 x_of[i] = np.uint16(event & 2047 | event >> 17 & 2048)
                 y_of[i] = np.uint16(event >> 16 & 2047)
                 p_of[i] = event & 2048 != 0
-            n = end
+            n += t_of.size
         else:  # a word at a time, until time and row are stated
             s["undated"] += np.int64(events)
             row = np.int64(value) & 2047 if kind == 0 else row
