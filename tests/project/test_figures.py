@@ -50,8 +50,8 @@ def test_other_light_is_that_of_the_table_of_rivals(prose):
     assert int(theirs["bytes per place"]) > 20 * int(ours["bytes per place"])
     assert (
         f"By day, on a map of the sunset, {float(ours['P@100R']):.2f} of the live matches are "
-        f"correct, but hardly any is accepted. Patch normalisation reaches "
-        f"{float(theirs['P@100R']):.2f}, with many times the bytes."
+        f"correct, but hardly any is accepted. Patch normalisation finds only "
+        f"{float(theirs['P@100R']):.2f}, and takes many times the bytes."
     ) in prose
 
 

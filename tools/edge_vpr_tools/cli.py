@@ -93,7 +93,7 @@ EXAMPLES = """\
   edge-vpr demo
   edge-vpr map monday.raw -o monday.npz
   edge-vpr match monday.npz tuesday.raw -o tuesday
-  edge-vpr evaluate tuesday --ground-truth monday.nmea tuesday.nmea --tolerance 70"""
+  edge-vpr evaluate tuesday --ground-truth monday.nmea tuesday.nmea --tolerance 25"""
 
 
 def command_of(verb: str) -> ModuleType:

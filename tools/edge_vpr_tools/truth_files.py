@@ -102,7 +102,7 @@ class TruthFiles:
             )
         if self.tolerance is None:
             raise UsageError(
-                "a tolerance is missing: say for example --tolerance 70, or of a matrix --rows"
+                "a tolerance is missing: say for example --tolerance 25, or of a matrix --rows"
             )
         if len(files) == 2:
             return from_tracks(*self.tracks(), places_us, queries_us, self.tolerance)

@@ -19,8 +19,8 @@ if TYPE_CHECKING:
 
 
 EXAMPLES = """\
-  edge-vpr evaluate tuesday --ground-truth monday.nmea tuesday.nmea --tolerance 70
-  edge-vpr evaluate tuesday --ground-truth monday.gpx tuesday.gpx --tolerance 25 70
+  edge-vpr evaluate tuesday --ground-truth monday.nmea tuesday.nmea --tolerance 25
+  edge-vpr evaluate tuesday --ground-truth monday.gpx tuesday.gpx --tolerance 10 25
   edge-vpr evaluate tuesday --ground-truth matrix.npz --rows reference
   edge-vpr evaluate tuesday --ground-truth pairs.csv --tolerance 3 --score ratio"""
 #: width of a table in a file, in characters
