@@ -148,6 +148,14 @@ def test_defaults_in_the_help_are_those_of_the_preset(capsys):
         assert f"(default: {SETTING_FIELDS[name].word(value)})" in shown
 
 
+def test_matching_with_a_map_begins_with_its_settings(capsys):
+    """So that `stream --help` does not say that no match is rejected."""
+    with pytest.raises(SystemExit):
+        cli.main(["stream", "--help"])
+    shown = " ".join(capsys.readouterr().out.split())
+    assert "none: mark none (default: the map's, or for a new one none)" in shown
+
+
 def test_help_and_version_stand_without_a_verb(capsys):
     assert cli.main(["--help"]) == 0
     shown = capsys.readouterr().out
