@@ -404,7 +404,7 @@ def smoothed_matches(drive_map: DriveMap, windows: Sequence[Window]) -> list[Dri
             term -= term >> 4
         terms.append(term)
     against = [w.evidence(one.gain)[one.place] for w, one in zip(windows, bests, strict=True)]
-    matches = []
+    trusts = []
     for w in range(n):
         first, last = w, w
         while first > max(w - 16, 0) and chained[first]:
@@ -412,9 +412,11 @@ def smoothed_matches(drive_map: DriveMap, windows: Sequence[Window]) -> list[Dri
         while last < min(w + 16, n - 1) and chained[last + 1]:
             last += 1
         worst = max(against[max(w - 4, 0) : w + 5])
-        total = max(sum(terms[first : last + 1]) // 33 - 16 * worst, 0)
-        matches.append(_match_of(bests[w], total))
-    return matches
+        trusts.append(max(sum(terms[first : last + 1]) // 33 - 16 * worst, 0))
+    long = min(33, n)
+    least = [min(trusts[w : w + long]) for w in range(n - long + 1)]
+    held = [max(least[max(w - long + 1, 0) : w + 1]) for w in range(n)]
+    return [_match_of(one, trust) for one, trust in zip(bests, held, strict=True)]
 
 
 # Codes of the sums.

@@ -103,7 +103,8 @@ def filter_drive(
         in units of 1/16 of a metric, less the largest evidence against a match in these nine
         windows, and at least 0. A margin counts as 0 if a match between it and the window is not
         reachable from the one before, and is reduced by 1/16 for each other consecutive window with
-        the same place. The misfit is the mean of `window_misfit` over the window and the sixteen
+        the same place. Of all stretches of 33 windows around a window, that with the largest least
+        trust counts. The misfit is the mean of `window_misfit` over the window and the sixteen
         before and after it.
     """
     n = len(queries)

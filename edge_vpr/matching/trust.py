@@ -201,7 +201,18 @@ def smoothed_trust(
         See `Descriptors`; no window speaks for one beyond a gap.
     """
     mean = _mean_around(place, _standing(place, margin), travelled, unseen, transitions)
-    return np.maximum(mean - (_largest_around(residual) << TRUST_FRACTION_BITS), 0)
+    return _held(np.maximum(mean - (_largest_around(residual) << TRUST_FRACTION_BITS), 0))
+
+
+def _held(trust: npt.NDArray[np.int64]) -> npt.NDArray[np.int64]:
+    """Return the largest trust that all windows of a stretch around each window have.
+
+    Parts of two streets look alike for some windows, and rarely for as many as a trust is made of.
+    """
+    length = min(2 * NEIGHBOURS + 1, len(trust))
+    least = np.lib.stride_tricks.sliding_window_view(trust, length).min(axis=1)
+    around = np.pad(least, length - 1)
+    return np.asarray(np.lib.stride_tricks.sliding_window_view(around, length).max(axis=1))
 
 
 def _largest_around(values: npt.NDArray[np.int64]) -> npt.NDArray[np.int64]:

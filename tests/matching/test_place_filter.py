@@ -251,12 +251,12 @@ def test_the_windows_after_decide_with(smooth, first):
 def test_a_smoothed_match_that_stays_at_one_place_loses_trust():
     """A path waits at the last place before a gap of the map, which is best for as long."""
     rng = np.random.default_rng(9)
-    reference = rng.integers(0, 100, (30, 12))
-    waits = reference[[*range(10), *[10] * 40, *range(11, 30)]]
+    reference = rng.integers(0, 100, (90, 12))
+    waits = reference[[*range(40), *[40] * 40, *range(41, 90)]]
     chosen = Settings(matching="filter", pixels=12, smooth=True)
     matches = match_descriptors(descriptors(reference), descriptors(waits), chosen)
-    assert (matches.place[10:50] == 10).all()
-    assert 4 * matches.trust[30] < min(matches.trust[4], matches.trust[60])
+    assert (matches.place[40:80] == 40).all()
+    assert 4 * matches.trust[60] < min(matches.trust[10], matches.trust[110])
 
 
 @pytest.mark.parametrize("values", [1, 40, 200])
