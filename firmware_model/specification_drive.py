@@ -181,6 +181,8 @@ class Window(NamedTuple):
         What odometry leaves of the weight of the evidence, in eighths.
     unseen : int
         Halves of a window in which nothing was seen, as known in this window.
+    seen : bool
+        Whether it has an event of the whole sensor.
     """
 
     advanced: Advanced
@@ -188,6 +190,7 @@ class Window(NamedTuple):
     by_distance: Edges | None
     share: int
     unseen: int = 0
+    seen: bool = True
 
     @property
     def metrics(self) -> Rows:
@@ -343,6 +346,7 @@ def windows_of(
     patience: int = PATIENCE,
     begin: tuple[Filter, int] | None = None,
     unseen: Sequence[int] = (),
+    seen: Sequence[bool] = (),
 ) -> list[Window]:
     """Advance the filter by the n windows of a drive.
 
@@ -358,6 +362,8 @@ def windows_of(
         The filter and the mean activity before these windows.
     unseen : sequence of int, length n, optional
         Halves of a window in which nothing was seen, as known in each window.
+    seen : sequence of bool, length n, optional
+        Whether each window has an event of the whole sensor.
     """
     state, mean = begin or (drive_map.begin(), drive_map.mean_activity)
     raw = driven or [None] * len(counted)
@@ -378,7 +384,10 @@ def windows_of(
         )  # fmt: skip
         state, mean = window.advanced.state, mean_activity_after(mean, events)
         advanced.append(window._replace(unseen=gap))
-    return advanced
+    return [
+        one._replace(seen=any_)
+        for one, any_ in zip(advanced, seen or [True] * len(counted), strict=True)
+    ]
 
 
 def live_matches(windows: Sequence[Window]) -> list[DriveMatch]:
@@ -413,10 +422,22 @@ def smoothed_matches(drive_map: DriveMap, windows: Sequence[Window]) -> list[Dri
             last += 1
         worst = max(against[max(w - 4, 0) : w + 5])
         trusts.append(max(sum(terms[first : last + 1]) // 33 - 16 * worst, 0))
-    long = min(33, n)
-    least = [min(trusts[w : w + long]) for w in range(n - long + 1)]
-    held = [max(least[max(w - long + 1, 0) : w + 1]) for w in range(n)]
-    return [_match_of(one, trust) for one, trust in zip(bests, held, strict=True)]
+    part, parts, held = 0, [], [0] * n  # between two gaps
+    for window in windows:
+        part += window.unseen > 0
+        parts.append(part)
+    for part in set(parts):
+        of_part = [w for w in range(n) if parts[w] == part and windows[w].seen]
+        for w, most in zip(of_part, held_trust([trusts[w] for w in of_part]), strict=True):
+            held[w] = most
+    return [_match_of(one, most) for one, most in zip(bests, held, strict=True)]
+
+
+def held_trust(trusts: Sequence[int]) -> list[int]:
+    """Return the largest trust that all windows of a stretch around each window have."""
+    n, long = len(trusts), min(33, len(trusts))
+    least = [min(trusts[w : w + long]) for w in range(n - long + 1)] if n else []
+    return [max(least[max(w - long + 1, 0) : w + 1]) for w in range(n)]
 
 
 # Codes of the sums.

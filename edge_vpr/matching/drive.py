@@ -124,8 +124,6 @@ def filter_drive(
     filtered = FilteredDrive.empty(n, metrics)
     if smooth:
         _smooth(drive, filtered)
-        if queries.unseen is not None:  # of windows within a gap, those on both sides know nothing
-            filtered.rows["trust"][queries.events == 0] = 0
         return filtered
     for first, _, rows in drive.advance(0, n):
         filtered.put(first, rows.matches, rows.least)
@@ -149,6 +147,13 @@ class _Drive(NamedTuple):
     travelled: list[Travelled]
     driven: list[int]
     unseen: list[int]
+
+    @property
+    def seen(self) -> npt.NDArray[np.bool_]:
+        """Whether each window has an event, or could have had one, shape (n,)."""
+        if self.queries.unseen is None:
+            return np.ones(len(self.queries), dtype=np.bool_)
+        return np.asarray(self.queries.events > 0)
 
     @property
     def block(self) -> int:
@@ -220,6 +225,7 @@ def _smooth(drive: _Drive, filtered: FilteredDrive) -> None:
         residual,
         drive.travelled,
         drive.unseen,
+        drive.seen,
         place_filter.transitions,
     )
     filtered.rows["misfit"] = smoothed_misfit(filtered.rows["misfit"], informative)

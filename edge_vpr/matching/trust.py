@@ -187,6 +187,7 @@ def smoothed_trust(
     residual: npt.NDArray[np.int64],
     travelled: Sequence[Travelled],
     unseen: Sequence[int],
+    seen: npt.NDArray[np.bool_],
     transitions: Transitions,
 ) -> npt.NDArray[np.int64]:
     """Return the trust of the matches of a smoothed drive, see `filter_drive`.
@@ -199,17 +200,26 @@ def smoothed_trust(
         Driven distance of each window.
     unseen : sequence of int
         See `Descriptors`; no window speaks for one beyond a gap.
+    seen : ndarray of bool, shape (n,)
+        Whether a window has an event of the whole sensor; one within a gap has none, and no trust.
     """
     mean = _mean_around(place, _standing(place, margin), travelled, unseen, transitions)
-    return _held(np.maximum(mean - (_largest_around(residual) << TRUST_FRACTION_BITS), 0))
+    trust = np.maximum(mean - (_largest_around(residual) << TRUST_FRACTION_BITS), 0)
+    part, held = np.cumsum(np.asarray(unseen) > 0), np.zeros_like(trust)
+    for number in np.unique(part):  # between two gaps, in which windows without any event lie
+        of_part = (part == number) & seen
+        held[of_part] = held_trust(trust[of_part])
+    return held
 
 
-def _held(trust: npt.NDArray[np.int64]) -> npt.NDArray[np.int64]:
-    """Return the largest trust that all windows of a stretch around each window have.
+def held_trust(trust: npt.NDArray[np.int64]) -> npt.NDArray[np.int64]:
+    """Return the largest trust that all windows of a stretch around each window have, shape (n,).
 
     Parts of two streets look alike for some windows, and rarely for as many as a trust is made of.
     """
     length = min(2 * NEIGHBOURS + 1, len(trust))
+    if not length:
+        return trust
     least = np.lib.stride_tricks.sliding_window_view(trust, length).min(axis=1)
     around = np.pad(least, length - 1)
     return np.asarray(np.lib.stride_tricks.sliding_window_view(around, length).max(axis=1))

@@ -24,9 +24,10 @@ from edge_vpr.matching.drive import match_descriptors
 from edge_vpr.matching.place_filter import PATIENCE, PlaceFilter, WindowRows
 from edge_vpr.matching.prediction import TransitionCosts, Transitions
 from edge_vpr.matching.smoothing import BackwardPass
+from edge_vpr.matching.trust import held_trust
 from edge_vpr.route import MOST_MM, Odometry
 from edge_vpr.settings import PRESETS, Settings
-from firmware_model import specification
+from firmware_model import specification, specification_drive
 from firmware_model.specification import distance, ilog
 from firmware_model.specification_drive import (
     PATIENCE_SMOOTHED,
@@ -126,11 +127,11 @@ def test_after_a_spread_above_2_to_16_a_window_is_scaled_by_its_own():
 @given(
     seed=st.integers(0, 2**32),
     places=st.integers(1, 20),
-    windows=st.integers(1, 8),
+    windows=st.one_of(st.integers(1, 8), st.integers(30, 80)),
     steps=costs,
     spacing=st.sampled_from([0, 7, 1_000]),
     smooth=st.booleans(),
-    gaps=st.booleans(),
+    gaps=st.sampled_from([0, 0.03, 0.4]),
 )
 @settings(max_examples=60)
 def test_a_drive_has_the_cost_of_the_best_path_through_each_place(
@@ -151,9 +152,11 @@ def test_a_drive_has_the_cost_of_the_best_path_through_each_place(
         filter_restart=steps.restart, exclusion=1, places_per_window=steps.places_per_window,
         window="time" if steps.by_activity else "count", events_per_pixel=1.0,
     )  # fmt: skip
-    unseen = rng.choice([0, 0, 0, 1, 4], windows) if gaps else np.zeros(windows, dtype=np.int64)
+    unseen = rng.choice([1, 4], windows) * (rng.random(windows) < gaps)
+    seen = rng.random(windows) >= gaps / 2
+    events = events * seen
     counted = replace(
-        descriptors(queries), selected=events, events=np.maximum(events, 1), unseen=unseen
+        descriptors(queries), selected=events, events=np.maximum(events, seen), unseen=unseen
     )
     matches = match_descriptors(mapped, counted, chosen, along_mm=along, odometry=odometry)
     number, selected = steps.places_per_window, mapped.selected_events.tolist()
@@ -168,7 +171,7 @@ def test_a_drive_has_the_cost_of_the_best_path_through_each_place(
         page,
         [[[distance(p, q) for p in reference.tolist()]] for q in queries.tolist()],
         events.tolist(), driven, patience=PATIENCE_SMOOTHED if smooth else PATIENCE,
-        unseen=unseen.tolist(),
+        unseen=unseen.tolist(), seen=seen.tolist(),
     )  # fmt: skip
     expected = smoothed_matches(page, rows) if smooth else live_matches(rows)
     best = [one for one, _ in smoothed(page, rows)] if smooth else None
@@ -184,6 +187,12 @@ def test_a_drive_has_the_cost_of_the_best_path_through_each_place(
         assert matches.candidates[w][: min(places, 25)].tolist() == nearest[:25]
     misfits = smoothed_misfits if smooth else running_misfits
     assert matches.misfit.tolist() == misfits(misfits_of(rows, typical, best))
+
+
+@given(trust=st.lists(st.integers(0, 1_000), max_size=120))
+def test_the_trust_of_stretches_is_that_of_the_page(trust):
+    array = np.array(trust, dtype=np.int64)
+    assert held_trust(array).tolist() == specification_drive.held_trust(trust)
 
 
 @given(
