@@ -435,7 +435,7 @@ def smoothed_matches(drive_map: DriveMap, windows: Sequence[Window]) -> list[Dri
 
 def held_trust(trusts: Sequence[int]) -> list[int]:
     """Return the largest trust that all windows of a stretch around each window have."""
-    n, long = len(trusts), min(33, len(trusts))
+    n, long = len(trusts), min(33, (len(trusts) + 1) // 2)
     least = [min(trusts[w : w + long]) for w in range(n - long + 1)] if n else []
     return [max(least[max(w - long + 1, 0) : w + 1]) for w in range(n)]
 

@@ -216,8 +216,9 @@ def held_trust(trust: npt.NDArray[np.int64]) -> npt.NDArray[np.int64]:
     """Return the largest trust that all windows of a stretch around each window have, shape (n,).
 
     Parts of two streets look alike for some windows, and rarely for as many as a trust is made of.
+    Of few windows, a stretch is half, so that a single bad one does not decide about all.
     """
-    length = min(2 * NEIGHBOURS + 1, len(trust))
+    length = min(2 * NEIGHBOURS + 1, (len(trust) + 1) // 2)
     if not length:
         return trust
     least = np.lib.stride_tricks.sliding_window_view(trust, length).min(axis=1)
