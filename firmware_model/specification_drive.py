@@ -369,9 +369,9 @@ def windows_of(
     raw = driven or [None] * len(counted)
     that_counts = anchored(raw, spacing_of(drive_map.along)) if drive_map.along else raw
     advanced = []
-    halves = unseen or [0] * len(counted)
-    for rows, events, of_anchor, mm, gap in zip(
-        distances, counted, that_counts, raw, halves, strict=True
+    halves, with_events = unseen or [0] * len(counted), seen or [True] * len(counted)
+    for rows, events, of_anchor, mm, gap, has_event in zip(
+        distances, counted, that_counts, raw, halves, with_events, strict=True
     ):
         if gap:
             steps = gap * drive_map.filter.per_window
@@ -383,11 +383,8 @@ def windows_of(
             patience=patience, driven=of_anchor, driven_whole=mm or 0,
         )  # fmt: skip
         state, mean = window.advanced.state, mean_activity_after(mean, events)
-        advanced.append(window._replace(unseen=gap))
-    return [
-        one._replace(seen=any_)
-        for one, any_ in zip(advanced, seen or [True] * len(counted), strict=True)
-    ]
+        advanced.append(window._replace(unseen=gap, seen=has_event))
+    return advanced
 
 
 def live_matches(windows: Sequence[Window]) -> list[DriveMatch]:

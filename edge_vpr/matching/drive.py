@@ -150,7 +150,7 @@ class _Drive(NamedTuple):
 
     @property
     def seen(self) -> npt.NDArray[np.bool_]:
-        """Whether each window has an event, or could have had one, shape (n,)."""
+        """Whether each window has an event of the whole sensor, if that is known, shape (n,)."""
         if self.queries.unseen is None:
             return np.ones(len(self.queries), dtype=np.bool_)
         return np.asarray(self.queries.events > 0)

@@ -180,7 +180,7 @@ class WindowRows(NamedTuple):
 # The algorithm: five steps a window, which the specification and the device name alike.
 
 
-@kernel(inline="always")  # compiled once, with the loop that calls it
+@kernel(inline="always")  # or it would be compiled apart from the loop that calls it, too
 def match_window(
     state: FilterState,
     table: FilterTable,

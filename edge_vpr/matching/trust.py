@@ -205,9 +205,9 @@ def smoothed_trust(
     """
     mean = _mean_around(place, _standing(place, margin), travelled, unseen, transitions)
     trust = np.maximum(mean - (_largest_around(residual) << TRUST_FRACTION_BITS), 0)
-    part, held = np.cumsum(np.asarray(unseen) > 0), np.zeros_like(trust)
-    for number in np.unique(part):  # between two gaps, in which windows without any event lie
-        of_part = (part == number) & seen
+    held = np.zeros_like(trust)
+    for part in np.split(np.arange(trust.size), np.flatnonzero(unseen)):  # between two gaps
+        of_part = part[seen[part]]
         held[of_part] = held_trust(trust[of_part])
     return held
 

@@ -485,8 +485,8 @@ class Facts:
             tally[f"mean_shift_{shift}"] += 1
 
 
-#: By the fact that says that a rule of `specification` decides: a fact without which it cannot,
-#: and the function that another device has in its place.
+#: By the fact that says that a rule of `specification` decides: a fact without which that is not
+#: tried, and the function that another device has in its place.
 _OTHER_DEVICES: dict[str, tuple[str, str, Callable[..., Any]]] = {
     **{
         f"mean_shift_{n}_decides": (
