@@ -101,14 +101,12 @@ RUNS = [
     (f"{STREAM} --map {{f}}/filter_map.npz --once --odometry udp://127.0.0.1:0", 0),
     (f"{STREAM} --map {{f}}/filter_map.npz --once {FILTER}", 0),
     (f"{STREAM} --map {{f}}/map.npz --once --http 0 --status-every 2s", 0),
-    # a broker that is not there: the run goes on; 2: the library is an extra
     (f"{STREAM} --map {{f}}/filter_map.npz --once --smooth", 2),
     ("match {f}/filter_map.npz {f}/query.npz -o {f}/smooth --online --smooth", 2),
     (f"{STREAM} --once --sensor 16x12 --learn -o {{f}}/learnt.npz {SETTINGS} --no-smooth "
      "--no-stays-on-map --places-per-window 2", 0),
     (f"{STREAM} --once --sensor 16x12 --learn -o {{f}}/learnt.npz {SMALL} "
      "--clip 200 --overwrite", 0),
-    # 2: the viewer is an extra of 160 MB, which may not be installed
     ("bridge {f}/query.npz --port udp://127.0.0.1:9 --protocol evpr --speed 0 --baud 9600 "
      "--flow-control --faults drop=0.01 --seed 1", 0),
     (f"bridge {{f}}/table.txt --port udp://127.0.0.1:9 --speed 0 {TABLE}", 0),
@@ -151,7 +149,6 @@ RUNS = [
     # 2: these runs differ in no setting
     ("compare {f}/swept.csv -o {f}/compared --overwrite --over pixels", 2),
     ("compare {f}/swept.csv -o {f}/compared --overwrite --figures pdf,svg --measure Recall@1", 0),
-    ("completion bash", 0),
     ("demo -o {f}/demo --overwrite", 0),
 ]  # fmt: skip
 

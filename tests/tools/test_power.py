@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 import csv
 import json
 import os
@@ -20,7 +19,6 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from edge_vpr_tools.cli import main
-from edge_vpr_tools.console import terminated_as_interrupted
 from edge_vpr_tools.profile import measurement, show
 from edge_vpr_tools.profile.conditions import Conditions, void_because
 from edge_vpr_tools.profile.measurement import (
@@ -851,25 +849,6 @@ def test_an_interrupted_profile_leaves_nothing(load, tmp_path):
         assert rest.splitlines()[-1] == "edge-vpr: interrupted; no incomplete file was left"
         assert "Traceback" not in rest
         assert list((tmp_path / str(number)).iterdir()) == []
-
-
-def test_an_interrupt_that_a_library_drops_is_raised_before_the_next_window(monkeypatch):
-    """As Numba does while it looks a kernel up."""
-    ours = signal.getsignal(signal.SIGINT)
-    monkeypatch.setattr(signal, "getsignal", lambda number: signal.default_int_handler)
-    ran = []
-
-    def load(seconds):
-        ran.append(seconds)
-        with contextlib.suppress(KeyboardInterrupt):
-            signal.raise_signal(signal.SIGINT)
-        return 1
-
-    with pytest.raises(KeyboardInterrupt), terminated_as_interrupted():
-        take_turns(Plan(5, 0.1, quick=True), load)
-    assert len(ran) == 1
-    monkeypatch.undo()
-    assert signal.getsignal(signal.SIGINT) is ours
 
 
 def test_two_profiles_are_compared_by_their_intervals(profile, tmp_path, capsys, monkeypatch):

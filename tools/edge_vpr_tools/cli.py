@@ -4,23 +4,19 @@ from __future__ import annotations
 
 import argparse
 import atexit
-import codecs
 import errno
 import gc
 import importlib
 import io
 import math
 import os
-import re
 import signal
 import sys
-import threading
-import time
 import traceback
 import warnings
-from collections.abc import Callable, Collection, Iterator, Sequence
+from collections.abc import Collection, Sequence
 from pathlib import Path
-from types import FrameType, ModuleType
+from types import ModuleType
 from typing import Any, NoReturn
 
 from edge_vpr import __version__
@@ -34,14 +30,12 @@ from edge_vpr.errors import (
 )
 from edge_vpr_tools.console import (
     Verbosity,
-    check_interrupted,
     compiling_noted,
     error_line,
+    handled,
     in_flags,
-    interrupts_kept,
     verbosity,
     warning,
-    was_interrupted,
 )
 
 # The commands (verbs) of the command line, by group, each with its one line of help.
@@ -84,7 +78,6 @@ GROUPS: dict[str, dict[str, str]] = {
     },
     "this program": {
         "doctor": "show what this machine has: libraries, kernels, ports, sensors",
-        "completion": "print a script by which a shell completes commands and flags",
     },
 }
 VERBS = {verb: text for verbs in GROUPS.values() for verb, text in verbs.items()}
@@ -130,16 +123,42 @@ def find_verb(words: list[str]) -> tuple[str, list[str]]:
 
 
 #: flags that every verb has; they may stand before the verb
-GENERAL_FLAGS = ("-h", "--help", "--help-all", "-q", "--quiet", "-v", "--verbose", "--debug")
+GENERAL_FLAGS = ("-h", "--help", "-q", "--quiet", "-v", "--verbose", "--debug")
 
 
 # The argument parser of one verb: no abbreviated flags, hints at typos, all defaults shown.
 
 
-_NEGATIVE = re.compile(r"-\.?\d")
+class Parser(argparse.ArgumentParser):
+    """A parser that raises `UsageError`, and suggests a flag for one that there is not."""
+
+    #: A second word that makes another verb of this one's.
+    children: Collection[str] = ()
+
+    def parse(self, words: Sequence[str]) -> argparse.Namespace:
+        """Parse the words after the verb."""
+        flags = self._option_string_actions
+        # argparse would report what is required and missing first
+        for word in words[: words.index("--")] if "--" in words else words:
+            flag = word.partition("=")[0]
+            if flag.startswith("--") and flag not in flags:
+                longs = [name for name in flags if name.startswith("--")]
+                self.error(f"there is no flag {flag}{did_you_mean(flag, longs)}")
+        if self.children and words and not words[0].startswith("-"):
+            self.error(f"unexpected argument {words[0]!r}{did_you_mean(words[0], self.children)}")
+        args, left = self.parse_known_args(words)
+        if left:
+            self.error(f"unexpected argument {left[0]!r}")
+        return args
+
+    def error(self, message: str) -> NoReturn:
+        """Raise the error that argparse would print."""
+        name = self.prog.removeprefix("edge-vpr").strip()
+        message = message.removeprefix("argument ")
+        raise UsageError(f"{f'{name}: ' * bool(name)}{message} ({self.prog} --help shows all)")
 
 
-class VerbParser(argparse.ArgumentParser):
+class VerbParser(Parser):
     """Parse the arguments of one verb."""
 
     def __init__(self, verb: str) -> None:
@@ -155,129 +174,36 @@ class VerbParser(argparse.ArgumentParser):
             epilog=f"examples:\n{command.EXAMPLES}",
             formatter_class=_Formatter,
             allow_abbrev=False,
-            add_help=False,
         )
-        self.verb = verb
-        #: flags that ``--help`` shows, for a verb with more than fit on a screen
-        self.main_flags: tuple[str, ...] = getattr(command, "MAIN_FLAGS", ())
+        self.register("type", float, finite_number)
+        self.children = [name.split()[1] for name in more]
         command.add_arguments(self)
-        group = self.add_argument_group("general")
-        group.add_argument(
-            "-h", "--help", action=_Help, all_flags=False, help="show this help and exit"
-        )
-        group.add_argument(
-            "--help-all", action=_Help, all_flags=True, help="show all flags and exit"
-        )
-        group.add_argument("-q", "--quiet", action="store_true", help="print errors only")
-        group.add_argument("-v", "--verbose", action="store_true", help="print more while running")
-        group.add_argument(
-            "--debug", action="store_true", help="show the Python traceback of an error"
-        )
+        add_general_flags(self)
         self.usage = self._short_usage()
 
     def _short_usage(self) -> str:
         """Return the usage line with the required arguments only; the help lists the others."""
-        needed = []
+        words = [self.prog]
         for action in self._actions:
-            if action.required and action.option_strings:
-                flag, value = action.option_strings[0], action.metavar or action.dest.upper()
-                needed.append(f"{flag} {value}" + " ..." * (action.nargs == "+"))
-        positional = [
-            f"[{action.metavar} ...]"
-            if action.nargs == "*"
-            else str(action.metavar or action.dest.upper())
-            for action in self._actions
-            if not action.option_strings
-        ]
-        return " ".join([self.prog, *positional, *needed, "[FLAGS]"])
-
-    def parse(self, words: Sequence[str]) -> argparse.Namespace:
-        """Parse the words after the verb."""
-        for action in self._actions:
-            action.type = _checked(action)
-        words = self._joined(words)
-        self._refuse_unknown_flags(words)
-        children = [name.split()[1] for name in VERBS if name.startswith(f"{self.verb} ")]
-        if children and words and not words[0].startswith("-"):
-            self.error(f"unexpected argument {words[0]!r}{did_you_mean(words[0], children)}")
-        args, left = self.parse_known_args(words)
-        if left:
-            self.error(f"unexpected argument {left[0]!r}")
-        return args
+            value = str(action.metavar or action.dest.upper())
+            if not action.option_strings:
+                words.append(f"[{value} ...]" if action.nargs == "*" else value)
+            elif action.required:
+                words.append(f"{action.option_strings[0]} {value}" + " ..." * (action.nargs == "+"))
+        return " ".join([*words, "[FLAGS]"])
 
     @property
     def flags(self) -> Collection[str]:
         """All flags of the verb."""
         return self._option_string_actions.keys()
 
-    def error(self, message: str) -> NoReturn:
-        """Raise the error that argparse would print."""
-        message = message.removeprefix("argument ")
-        flag = "--help-all" if self.main_flags else "--help"
-        raise UsageError(f"{self.verb}: {message} (edge-vpr {self.verb} {flag} shows all)")
 
-    def help_text(self, *, all_flags: bool) -> str:
-        """Return the help, with all flags or with those that most people need."""
-        sections = [(g.title, g.description, g._group_actions) for g in self._action_groups]
-        hidden = ""
-        if self.main_flags and not all_flags:
-            flags = [action for action in self._actions if action.option_strings]
-            main = [action for action in flags if action.option_strings[-1] in self.main_flags]
-            positional = [action for action in self._actions if not action.option_strings]
-            sections = [("arguments", None, positional), ("flags", None, main)]
-            hidden = f"{len(flags) - len(main)} more flags: edge-vpr {self.verb} --help-all"
-        formatter = self._get_formatter()
-        formatter.add_usage(self.usage, self._actions, self._mutually_exclusive_groups)
-        formatter.add_text(self.description)
-        for title, description, actions in sections:
-            if actions:
-                formatter.start_section(title)
-                formatter.add_text(description)
-                formatter.add_arguments(actions)
-                formatter.end_section()
-        formatter.add_text(hidden)
-        formatter.add_text(self.epilog)
-        return formatter.format_help()
-
-    def _joined(self, words: Sequence[str]) -> list[str]:
-        """Join a flag with a value such as -1s, which argparse would take for another flag."""
-        joined: list[str] = []
-        for word in words:
-            action = self._option_string_actions.get(joined[-1]) if joined else None
-            takes_one = action is not None and action.nargs is None
-            if takes_one and _NEGATIVE.match(word):
-                joined[-1] += f"={word}" if joined[-1].startswith("--") else word
-            else:
-                joined.append(word)
-        return joined
-
-    def _refuse_unknown_flags(self, words: Sequence[str]) -> None:
-        """Raise for an unknown flag, before argparse reports a missing one in its place."""
-        flags = self._option_string_actions
-        for word in words:
-            if word == "--":
-                return
-            if not word.startswith("-") or word == "-" or _NEGATIVE.match(word):
-                continue
-            flag = word.partition("=")[0]
-            short = not word.startswith("--") and word[:2] in flags
-            if flag not in flags and not short:
-                longs = [name for name in flags if name.startswith("--")]
-                self.error(f"there is no flag {flag}{did_you_mean(flag, longs)}")
-
-
-class _Help(argparse.Action):
-    """Print the help and exit."""
-
-    def __init__(self, all_flags: bool, **options: Any) -> None:
-        super().__init__(nargs=0, **options)
-        self.all_flags = all_flags
-
-    def __call__(self, parser: argparse.ArgumentParser, *_: object) -> None:
-        """Print it as soon as its flag is read, before anything is required."""
-        assert isinstance(parser, VerbParser)
-        print(parser.help_text(all_flags=self.all_flags), end="")
-        parser.exit()
+def add_general_flags(parser: argparse.ArgumentParser) -> None:
+    """Add the flags that every verb has, but ``--help``, which argparse adds."""
+    group = parser.add_argument_group("general")
+    group.add_argument("-q", "--quiet", action="store_true", help="print errors only")
+    group.add_argument("-v", "--verbose", action="store_true", help="print more while running")
+    group.add_argument("--debug", action="store_true", help="show the Python traceback of an error")
 
 
 class _Formatter(argparse.RawDescriptionHelpFormatter):
@@ -300,41 +226,7 @@ def takes_value(action: argparse.Action) -> bool:
     return bool(action.option_strings) and action.nargs != 0
 
 
-def _checked(action: argparse.Action) -> Any:
-    """Return the type of an action, with clearer errors than those of argparse."""
-    if action.choices is not None and action.type is None:
-        return _one_of(list(action.choices))
-    if action.type is int:
-        return whole_number
-    return number if action.type is float else action.type
-
-
-def _one_of(choices: Sequence[str]) -> Callable[[str], str]:
-    """Return the type of an argument with a few allowed values, which suggests one for a typo."""
-
-    def read(text: str) -> str:
-        if text not in choices:
-            raise argparse.ArgumentTypeError(
-                f"{text!r}: choose from {', '.join(choices)}{did_you_mean(text, choices)}"
-            )
-        return text
-
-    return read
-
-
-def whole_number(text: str) -> int:
-    """Read a whole number."""
-    try:
-        if "_" not in text:
-            return int(text)
-    except ValueError:
-        pass
-    raise argparse.ArgumentTypeError(
-        f"{text!r} is not a whole number: write its digits, such as 25 or 100000"
-    )
-
-
-def number(text: str) -> float:
+def finite_number(text: str) -> float:
     """Read a finite number."""
     try:
         value = number_in(text)
@@ -373,19 +265,22 @@ def main(argv: Sequence[str] | None = None) -> int:
         gc.set_threshold(20_000)
         atexit.register(gc.freeze)
     _prepare_streams()
-    hook = sys.unraisablehook
-    sys.unraisablehook = _interrupt_again
     try:
         if "_ARGCOMPLETE" in os.environ:
             complete()
-        with interrupts_kept(), warnings.catch_warnings():
+        with handled([signal.SIGALRM], signal.default_int_handler), warnings.catch_warnings():
             warnings.simplefilter("always", EdgeVprWarning)
             warnings.showwarning = lambda message, *_: warning(str(message))
-            run(argv)
-            check_interrupted()
+            hook, sys.unraisablehook = sys.unraisablehook, _interrupt_again
+            try:
+                run(argv)
+            finally:
+                sys.unraisablehook = hook
+                signal.setitimer(signal.ITIMER_REAL, 0)
         sys.stdout.flush()
     except KeyboardInterrupt:
-        return _interrupted()
+        error_line("interrupted; no incomplete file was left")
+        return EXIT_INTERRUPTED
     except BrokenPipeError:
         # the program that reads our output has closed the pipe, for example `head`
         sys.stderr.close()
@@ -393,49 +288,23 @@ def main(argv: Sequence[str] | None = None) -> int:
     except Exception as error:
         if "--debug" in argv:
             traceback.print_exc()
-        # a library can make another error of an interrupt
-        return _interrupted() if was_interrupted() else _report(error)
-    finally:
-        sys.unraisablehook = hook
-        while _repeated:  # one that comes while the process ends would kill it
-            _repeated.pop().cancel()
+        return _report(error)
     return 0
-
-
-def _interrupted() -> int:
-    error_line("interrupted; no incomplete file was left")
-    return EXIT_INTERRUPTED
-
-
-#: characters of units and tables, for terminals that do not have them
-_PLAIN = str.maketrans({"µ": "u", "±": "+-"})
-
-
-def _in_plain_letters(error: UnicodeError) -> tuple[str | bytes, int]:
-    if not isinstance(error, UnicodeEncodeError):
-        raise error
-    text = error.object[error.start : error.end].translate(_PLAIN)
-    return text.encode("ascii", "backslashreplace").decode(), error.end
 
 
 def _prepare_streams() -> None:
     """Make standard streams that take all that is printed, whatever the caller made of them.
 
     Those that the caller closed (``>&-``) discard it. A terminal or pipe that is not of UTF-8
-    (``LC_ALL=C``, GBK) gets what it does not have in plain letters, or escaped.
+    (``LC_ALL=C``, GBK) gets what it does not have escaped.
     """
-    codecs.register_error("edge_vpr_plain", _in_plain_letters)
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
-            stream.reconfigure(errors="edge_vpr_plain")
+            stream.reconfigure(errors="backslashreplace")
     for name, mode in (("stdin", "r"), ("stdout", "w"), ("stderr", "w")):
         if getattr(sys, name) is None:
             # takes the closed number, which otherwise the first file of the command would have
             setattr(sys, name, Path(os.devnull).open(mode, encoding="utf-8"))  # noqa: SIM115
-
-
-#: interrupts that are to come again
-_repeated: list[threading.Timer] = []
 
 
 def _interrupt_again(ignored: Any) -> None:
@@ -443,27 +312,11 @@ def _interrupt_again(ignored: Any) -> None:
 
     Libraries have such callbacks while kernels are loaded and figures are drawn.
     """
-    if not issubclass(ignored.exc_type, KeyboardInterrupt):
+    if issubclass(ignored.exc_type, KeyboardInterrupt):
+        # when this function has ended, from which no error is raised either
+        signal.setitimer(signal.ITIMER_REAL, 0.05)
+    else:
         sys.__unraisablehook__(ignored)
-        return
-    again = threading.Timer(0.01, _interrupt_main_thread)
-    _repeated.append(again)
-    again.start()
-
-
-def _interrupt_main_thread() -> None:
-    """Interrupt the main thread once it has left `_interrupt_again`, where no error is raised."""
-    while any(frame.f_code is _interrupt_again.__code__ for frame in _main_frames()):
-        time.sleep(0.001)
-    os.kill(os.getpid(), signal.SIGINT)
-
-
-def _main_frames() -> Iterator[FrameType]:
-    """Yield what the main thread executes now, from the innermost function on."""
-    frame = sys._current_frames().get(threading.main_thread().ident or 0)
-    while frame is not None:
-        yield frame
-        frame = frame.f_back
 
 
 def run(argv: Sequence[str]) -> None:
@@ -498,36 +351,24 @@ def run(argv: Sequence[str]) -> None:
 
 def _without_verb(words: Sequence[str]) -> None:
     """Print the version or the list of verbs."""
-    for word in words:
-        if word == "--version":
-            print(f"edge-vpr {__version__}, Python {sys.version.split()[0]}")
-            return
-        if word not in GENERAL_FLAGS:
-            flags = ("--version", *GENERAL_FLAGS)
-            raise UsageError(
-                f"there is no flag {word}{did_you_mean(word, flags)} (a command comes first; "
-                "edge-vpr --help lists all)"
-            )
-    print(_help())
-    if not {"-h", "--help", "--help-all"} & set(words):
-        raise UsageError("no command was given: name one of those above")
-
-
-def _help() -> str:
-    lines = [
-        "usage: edge-vpr COMMAND ...",
-        "",
-        "Recognise places on a known route from the event counts of a few pixels.",
-    ]
+    lines = ["Recognise places on a known route from the event counts of a few pixels."]
     for group, verbs in GROUPS.items():
-        lines += ["", f"{group}:"]
-        lines += [f"  {verb:<16} {text}" for verb, text in verbs.items()]
-    lines += ["", "general:"]
-    lines += ["  COMMAND --help   show the main flags of a command, with defaults and examples"]
-    lines += ["  COMMAND --help-all  show all its flags"]
-    lines += ["  -q, -v, --debug  print less; print more; show the traceback of an error"]
-    lines += ["  --version        print the version", "", "examples:", EXAMPLES]
-    return "\n".join(lines)
+        lines += ["", f"{group}:", *(f"  {verb:<16} {text}" for verb, text in verbs.items())]
+    lines += ["", "edge-vpr COMMAND --help shows the flags of a command, defaults and examples"]
+    parser = Parser(
+        prog="edge-vpr",
+        usage="edge-vpr COMMAND ...",
+        description="\n".join(lines),
+        epilog=f"examples:\n{EXAMPLES}",
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+        allow_abbrev=False,
+    )
+    version = f"edge-vpr {__version__}, Python {sys.version.split()[0]}"
+    parser.add_argument("--version", action="version", version=version)
+    add_general_flags(parser)
+    parser.parse(words)
+    parser.print_help()
+    raise UsageError("no command was given: name one of those above")
 
 
 def _report(error: Exception) -> int:
@@ -574,8 +415,7 @@ def completion_parser(chosen: str) -> argparse.ArgumentParser:
         parser = below[parent].add_parser(name, help=text)
         if verb == chosen:
             command_of(verb).add_arguments(parser)
-        for flags in (("-q", "--quiet"), ("-v", "--verbose"), ("--debug",)):
-            parser.add_argument(*flags, action="store_true", help=f"{flags[-1][2:]} output")
+        add_general_flags(parser)
         if any(other.startswith(f"{verb} ") for other in VERBS):
             below[verb] = parser.add_subparsers()
     return top

@@ -226,7 +226,6 @@ def status(text: str) -> Iterator[Callable[[str], None]]:
 
     with Console(stderr=True, quiet=is_quiet()).status(text) as shown:
         yield shown.update
-    check_interrupted()
 
 
 # Orderly end, with files and summary, on Ctrl-C, SIGTERM and a closed terminal.
@@ -244,49 +243,12 @@ def stopped_by_signals(stopping: threading.Event) -> Iterator[None]:
             raise KeyboardInterrupt
         stopping.set()
 
-    with _handled(caught, stop):
-        yield
-
-
-_interrupted = threading.Event()
-
-
-def _interrupt(number: int, frame: FrameType | None) -> None:
-    _interrupted.set()
-    raise KeyboardInterrupt
-
-
-@contextmanager
-def interrupts_kept(*more: signal.Signals) -> Iterator[None]:
-    """Keep each interrupt for `check_interrupted`, beside raising it.
-
-    Libraries lose some: Python drops what is raised in a callback from C, which NumPy makes while
-    it is imported, and Numba when it loads and looks up kernels.
-
-    Parameters
-    ----------
-    *more : Signals
-        Signals that are interrupts too.
-    """
-    caught = list(more)
-    handler = signal.getsignal(signal.SIGINT)
-    if handler is not _interrupt:  # a new command, not a part of one
-        _interrupted.clear()
-    if handler is signal.default_int_handler:  # and not ignored
-        caught.append(signal.SIGINT)
-    with _handled(caught, _interrupt):
+    with handled(caught, stop):
         yield
 
 
 @contextmanager
-def terminated_as_interrupted() -> Iterator[None]:
-    """Let SIGTERM end the block as Ctrl-C does, so that no incomplete file is left."""
-    with interrupts_kept(signal.SIGTERM):
-        yield
-
-
-@contextmanager
-def _handled(
+def handled(
     caught: Iterable[signal.Signals], handler: Callable[[int, FrameType | None], None]
 ) -> Iterator[None]:
     """Handle signals within the block; only the main thread can."""
@@ -299,17 +261,6 @@ def _handled(
     finally:
         for number, old in before.items():
             signal.signal(number, old)
-
-
-def check_interrupted() -> None:
-    """Raise KeyboardInterrupt if a library has lost one within `interrupts_kept`."""
-    if was_interrupted():
-        raise KeyboardInterrupt
-
-
-def was_interrupted() -> bool:
-    """Return whether an interrupt came within `interrupts_kept`."""
-    return _interrupted.is_set()
 
 
 # Tables and lines on the terminal, with a fixed width if the output is a file.

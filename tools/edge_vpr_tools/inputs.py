@@ -13,7 +13,7 @@ from edge_vpr.events import Events
 from edge_vpr.recordings import Recording, open_recording
 from edge_vpr.recordings.reading import NO_CAMERA, Camera, crop_of
 from edge_vpr.settings import Settings
-from edge_vpr_tools.console import check_interrupted, is_quiet
+from edge_vpr_tools.console import is_quiet
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -81,9 +81,7 @@ class Tracked:
         shown = self._recording
         if not is_quiet() and console.is_terminal:
             shown = self._shown(console)
-        for events in shown:
-            check_interrupted()
-            yield events
+        yield from shown
 
     def _shown(self, console: Console) -> Iterator[Events]:
         from rich import progress as rich

@@ -14,7 +14,6 @@ EXAMPLES = """\
   edge-vpr bridge tuesday.raw
   edge-vpr bridge tuesday.raw --port tcp://:7000 --protocol evt3
   edge-vpr bridge tuesday.raw --faults drop=1e-4,stall=5@20"""
-MAIN_FLAGS = ("--port", "--protocol", "--speed", "--faults", "--sensor", "--start", "--end")
 
 #: which is reported, if events are sent later than this
 _BEHIND_S = 0.5

@@ -25,7 +25,6 @@ EXAMPLES = """\
   edge-vpr evaluate tuesday --ground-truth pairs.csv --tolerance 3 --score ratio"""
 #: width of a table in a file, in characters
 _WIDTH = 80
-MAIN_FLAGS = ("--ground-truth", "--tolerance", "--offset")
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

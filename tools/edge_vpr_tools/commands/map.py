@@ -47,19 +47,6 @@ EXAMPLES = """\
   edge-vpr map monday.raw tuesday.raw wednesday.raw -o route.npz
   edge-vpr map route.npz thursday.raw -o route.npz --overwrite
   edge-vpr map frames/ -o map.npz --frame-period 1/30 --frames-as-windows"""
-MAIN_FLAGS = (
-    "--output",
-    "--overwrite",
-    "--track",
-    "--sensor",
-    "--start",
-    "--end",
-    "--config",
-    "--pixels",
-    "--tau",
-    "--hot-pixels",
-    "--precision",
-)
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

@@ -40,17 +40,6 @@ EXAMPLES = """\
   edge-vpr match monday.npz tuesday.raw -o tuesday
   edge-vpr match monday.npz tuesday.raw -o online --online --every 50ms --precision 0.99
   edge-vpr match monday.npz tuesday.raw -o robot --no-smooth --precision 0.99 --overwrite"""
-MAIN_FLAGS = (
-    "--output",
-    "--overwrite",
-    "--export",
-    "--online",
-    "--odometry",
-    "--precision",
-    "--sensor",
-    "--start",
-    "--end",
-)
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

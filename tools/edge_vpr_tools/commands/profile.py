@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import argparse
+import signal
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from edge_vpr.errors import UsageError
-from edge_vpr_tools.console import check_interrupted, is_quiet, summary, terminated_as_interrupted
+from edge_vpr_tools.console import handled, is_quiet, summary
 from edge_vpr_tools.flags import add_json_flag, add_output_flags
 
 if TYPE_CHECKING:
@@ -96,7 +97,8 @@ def run(args: argparse.Namespace) -> None:
     output = Path(args.output)
     output.absolute().parent.mkdir(parents=True, exist_ok=True)
     results.check_output_folder(output, args.overwrite, [args.map, args.recording])
-    with terminated_as_interrupted():
+    # SIGTERM ends it as Ctrl-C does, so that no incomplete file is left
+    with handled([signal.SIGTERM], signal.default_int_handler):
         sensor, missing = choose_sensor(ROOT, name=args.sensor_name, shunt_mohm=args.shunt_mohm)
         try:
             measured = profile(
@@ -105,7 +107,6 @@ def run(args: argparse.Namespace) -> None:
         finally:
             if sensor is not None:
                 sensor.close()
-        check_interrupted()
         with results.results_folder(output, args.overwrite) as folder:
             write_json(folder / results.RUN, measured.run)
             write_profile(measured, folder)

@@ -40,26 +40,6 @@ EXAMPLES = """\
   edge-vpr stream --port /dev/ttyUSB1 --protocol evpr --map monday.npz --precision 0.99
   edge-vpr stream --port tcp://pi:5000 --protocol evt3 --map monday.npz --precision 0.99 --http 7000
   edge-vpr stream --port /dev/ttyACM0 --protocol evpr --sensor 64x64 --learn -o new.npz"""
-MAIN_FLAGS = (
-    "--port",
-    "--protocol",
-    "--sensor",
-    "--baud",
-    "--once",
-    "--odometry",
-    "--map",
-    "--state",
-    "--http",
-    "--log",
-    "--record",
-    "--json",
-    "--overwrite",
-    "--learn",
-    "--output",
-    "--pixels",
-    "--tau",
-    "--precision",
-)
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from edge_vpr.errors import UsageError
-from edge_vpr_tools.console import check_interrupted, note
+from edge_vpr_tools.console import note
 from edge_vpr_tools.profile.sensors.sensor import About, Sensor, SensorError
 
 # Samples of power over time, and the energy between two times.
@@ -373,7 +373,6 @@ def take_turns(plan: Plan, load: Load) -> list[Window]:
         left_s = 2 * plan.window_s * (plan.pairs - pair)
         note(f"idle and load, pair {pair + 1} of {plan.pairs}: {left_s:.0f} s left")
         for loaded in (False, True) if pair % 2 == 0 else (True, False):
-            check_interrupted()
             start, matches = time.monotonic(), 0
             if loaded:
                 matches = load(plan.window_s)

@@ -17,7 +17,6 @@ from edge_vpr.online.localiser import Localiser
 from edge_vpr.online.schedule import MatchSchedule
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.simulation import SimulatedRecording
-from edge_vpr_tools.console import check_interrupted
 
 # The pipeline as a load: a recording is repeatedly fed to a localiser in packets.
 
@@ -153,7 +152,6 @@ def measure_throughput(workload: Workload, seconds: float) -> Throughput:
     workload.reset()
     cpu, start = time.process_time(), time.perf_counter()
     workload.run(seconds)
-    check_interrupted()
     elapsed, cpu = time.perf_counter() - start, time.process_time() - cpu
     if workload.matches == 0:
         raise UsageError(f"no match within {seconds} s: take longer windows (--window-s)")
