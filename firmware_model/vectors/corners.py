@@ -48,7 +48,8 @@ def _roomy(design: Design) -> int:
 def event_cases(design: Design) -> list[Case]:
     """Make the corner cases of events and windows."""
     cases = [_event_case(name, variant) for name, variant in _event_designs(design).items()]
-    return [*cases, _many_windows(_event_designs(design)["events_by_time"])]
+    by_time = _event_designs(design)["events_by_time"]
+    return [*cases, _many_windows(by_time), _near_ends(by_time)]
 
 
 def _event_designs(design: Design) -> dict[str, Design]:
@@ -196,6 +197,25 @@ def _many_windows(design: Design) -> Case:
         stream.end()
     stream.close()
     return _case("many_windows", stream)
+
+
+def _near_ends(design: Design) -> Case:
+    """Make a case with events a power of two before and behind ends of windows, and silences between.
+
+    So every carry of the difference between a time and the end of a window decides something.
+    """
+    design = replace(design, places=design.length + design.exclusion + 3)
+    stream, tau, slots = Stream(design), design.tau_us, design.slots
+    silences = (0,) if _narrow(design) else (0, 1, 2, 3)
+    for bit in range((tau - 1).bit_length()):
+        for silent in silences:
+            stream.slot(bit % slots, 1, tau - (1 << bit))
+            stream.end()
+            stream.skip(silent)
+            stream.slot(silent % slots, 1, (1 << bit) - 1)
+            stream.slot((bit + silent) % slots, 2, 1 << bit)
+    stream.close()
+    return _case("near_ends", stream)
 
 
 def _half_a_period_late(design: Design) -> Case:

@@ -18,6 +18,7 @@ CORNERS = {
     "a_b_a": "an event at the selected pixel of the one before the last, with another between",
     "on_the_boundary": "an event at the very end of a window, which belongs to the next one",
     "before_the_boundary": "an event in the last microsecond of a window",
+    "behind_silence": "an event a power of two of microseconds behind the end of a silent window",
     "late": "an event from before the open window's start",
     "half_a_period_late": "an event half the clock's period behind the end of a window",
     "unselected": "an event at a pixel that is not selected",
@@ -119,6 +120,8 @@ def _see_event(
         ends = elapsed >= tau
         tally["on_the_boundary"] += elapsed > 0 and elapsed % tau == 0
         tally["before_the_boundary"] += elapsed > 0 and elapsed % tau == tau - 1
+        behind = elapsed % tau
+        tally["behind_silence"] += elapsed >= 2 * tau and behind > 0 and behind & (behind - 1) == 0
         tally["late"] += elapsed < 0
         tally["half_a_period_late"] += elapsed - tau == 1 << (design.timestamp_bits - 1)
     if y == design.height:
