@@ -200,11 +200,10 @@ def _many_windows(design: Design) -> Case:
 
 
 def _near_ends(design: Design) -> Case:
-    """Make a case with events a power of two before and behind ends of windows, and silences between.
+    """Make a case with events a power of two before and behind ends of windows, some of them silent.
 
     So every carry of the difference between a time and the end of a window decides something.
     """
-    design = replace(design, places=design.length + design.exclusion + 3)
     stream, tau, slots = Stream(design), design.tau_us, design.slots
     silences = (0,) if _narrow(design) else (0, 1, 2, 3)
     for bit in range((tau - 1).bit_length()):

@@ -26,9 +26,9 @@ from firmware_model.vectors.suite import standard_suites, write_suites
 from firmware_model.vectors.verify import read_results, verify
 from firmware_model.verification.proof import run_yosys
 
-# the delay line of the search is no power of two long
+# the delay line of the search is no power of two long; some corners have 21 places too
 _SEQUENCES = Design(
-    width=24, height=16, pixels=9, places=20, length=3, code_bits=4, window_events=12, lanes=4,
+    width=24, height=16, pixels=9, places=21, length=3, code_bits=4, window_events=12, lanes=4,
     exclusion=2,
 )  # fmt: skip
 _ONE_GAIN = replace(_SEQUENCES, matching="filter", length=1, code="contrast")
