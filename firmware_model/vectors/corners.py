@@ -200,7 +200,7 @@ def _many_windows(design: Design) -> Case:
 
 
 def _near_ends(design: Design) -> Case:
-    """Make a case with events a power of two before and behind ends of windows, some of them silent.
+    """Make a case with events a power of two before and behind ends of windows, some silent.
 
     So every carry of the difference between a time and the end of a window decides something.
     """
