@@ -145,7 +145,7 @@ RUNS = [
     ("sweep {f}/sweep.toml --output {f}/swept.csv --workers 1 --resume", 0),
     # 2: an address without a port
     ("sweep {f}/sweep.toml -o {f}/swept.csv --resume --scheduler nowhere", 2),
-    ("compare {f}/swept.csv -o {f}/compared --json", 0),
+    ("compare {f}/swept.csv -o {f}/compared", 0),
     # 2: these runs differ in no setting
     ("compare {f}/swept.csv -o {f}/compared --overwrite --over pixels", 2),
     ("compare {f}/swept.csv -o {f}/compared --overwrite --figures pdf,svg --measure Recall@1", 0),

@@ -55,7 +55,7 @@ GROUPS: dict[str, dict[str, str]] = {
         "evaluate": "compare matches with the ground truth: precision, recall, figures",
         "replay": "show a match as a film: events, cost of each place, position, probability",
         "sweep": "run many settings on many drives, on this machine or on a cluster",
-        "compare": "show the results of several runs and sweeps in one table and one figure",
+        "compare": "show the results of sweeps in one table and one figure",
         "calibrate": "learn the probability of a correct match from a drive with ground truth",
     },
     "recordings": {

@@ -1,4 +1,4 @@
-"""`edge-vpr compare`: show several runs in one table and one figure."""
+"""`edge-vpr compare`: show sweeps in one table and one figure."""
 
 from __future__ import annotations
 
@@ -9,7 +9,6 @@ from edge_vpr.errors import UsageError
 from edge_vpr_tools.console import note, number_of, summary
 from edge_vpr_tools.flags import (
     add_figures_flag,
-    add_json_flag,
     add_output_flags,
     figure_formats,
 )
@@ -17,24 +16,21 @@ from edge_vpr_tools.sweep import MEASURES
 
 EXAMPLES = """\
   edge-vpr compare pixels.csv
-  edge-vpr compare pixels.csv tuesday -o compared --figures pdf,svg
+  edge-vpr compare pixels.csv codes.csv -o compared --figures pdf,svg
   edge-vpr compare pixels.csv -o curves --over pixels --measure R@99P"""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add this command's arguments."""
     parser.add_argument(
-        "runs", metavar="RUN", nargs="+",
-        help="file that edge-vpr sweep wrote, or folder of matches that were evaluated",
+        "runs", metavar="RUN.csv", nargs="+", help="file that edge-vpr sweep wrote"
     )  # fmt: skip
     output = add_output_flags(
         parser,
-        help="folder for the tables (CSV of single results and of means over drives; JSON; "
-        "Markdown; LaTeX) and for the figure",
+        help="folder for the table of means over drives, and for the figure",
         required=False,
     )
     add_figures_flag(output, "png")
-    add_json_flag(output, "compare.json")
     output.add_argument(
         "--measure", choices=tuple(MEASURES.values()),
         default=next(iter(MEASURES.values())),
@@ -52,7 +48,6 @@ def run(args: argparse.Namespace) -> None:
     from edge_vpr import results
     from edge_vpr_tools.sweep.comparison import (
         LEAST,
-        comparison_record,
         lacks_intervals,
         rows_of,
         show,
@@ -67,8 +62,6 @@ def run(args: argparse.Namespace) -> None:
         results.check_output_folder(output, args.overwrite, runs)
     rows = rows_of(runs)
     measure = next(name for name, heading in MEASURES.items() if heading == args.measure)
-    if args.json:
-        print(results.json_text(comparison_record(rows)))
     show(rows)
     if output is not None:
         with results.results_folder(output, args.overwrite) as folder:
