@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import base64
-import errno
 import hashlib
-import io
 import ipaddress
 import json
 import math
@@ -15,9 +13,8 @@ import threading
 import time
 from collections import deque
 from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from http import HTTPStatus
-from http.client import LineTooLong
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from importlib.resources import files
 from typing import Any, NamedTuple, Self
@@ -25,21 +22,17 @@ from typing import Any, NamedTuple, Self
 from edge_vpr.errors import UsageError, printable
 from edge_vpr.live.links import bracketed, listening_socket
 
-#: Largest number of readers of ``/events``, and of connections in all; others are refused.
-MOST_READERS, MOST_CONNECTIONS = 32, 64
+#: Largest number of readers of ``/events``, and of threads of this process, of which a connection
+#: takes one; others are refused.
+MOST_READERS, MOST_THREADS = 32, 64
 #: Largest number of rows that wait for a reader; beyond it, its oldest rows are left out.
 WAITING_ROWS = 1_000
-#: Longest request, its line and headers, in bytes; and the time it may take to come, in seconds.
-_LONGEST_REQUEST, _REQUEST_S = 8_192, 5.0
-#: A reader that takes nothing for this time is disconnected, in seconds.
+#: Whoever sends and takes nothing for this time is disconnected, in seconds.
 _STUCK_S = 60.0
 #: Bytes that are sent at once, and the system's buffer for a slow reader.
 _SENT_BYTES, _SYSTEM_BYTES = 16_384, 65_536
 #: Time at the end for readers to read what waits for them, in seconds.
 _LAST_S = 1.0
-#: Pause after a connection that could not be accepted for want of these, in seconds.
-_PAUSE_S = 1.0
-_EXHAUSTED = (errno.EMFILE, errno.ENFILE, errno.ENOBUFS, errno.ENOMEM)
 #: Silence of the camera, and of `stream` itself, that is an error for a watchdog, in seconds.
 SILENT_S, STUCK_S = 2.0, 5.0
 _ADDRESS = re.compile(r"(?:(?:\[(?P<six>[^\]]+)\]|(?P<host>[^:\[\]]*)):)?(?P<port>\d{1,5})")
@@ -135,8 +128,6 @@ class MatchServer(ThreadingHTTPServer):
         self._changed = threading.Condition()  # of all below
         self._newest: dict[str, _Newest] = {}
         self._readers: set[_Reader] = set()
-        self._connections: set[socket.socket] = set()
-        self._due_s: dict[socket.socket, float] = {}  # by when a request has to be there
         self._closing = False
         self.stage = ""  #: What is compiled before the run begins.
         self._thread = threading.Thread(target=self.serve_forever, name="http", daemon=True)
@@ -151,9 +142,6 @@ class MatchServer(ThreadingHTTPServer):
             self._closing = True
             self._changed.notify_all()
             self._changed.wait_for(lambda: not self._readers, _LAST_S)
-            for connection in self._connections:
-                with suppress(OSError):
-                    connection.shutdown(socket.SHUT_RDWR)
         self.shutdown()
         self._thread.join()
         self.server_close()
@@ -237,106 +225,31 @@ class MatchServer(ThreadingHTTPServer):
 
     # connections
 
-    def get_request(self) -> tuple[socket.socket, Any]:
-        """Accept a connection."""
-        try:
-            return super().get_request()
-        except OSError as error:
-            if error.errno in _EXHAUSTED:
-                # the connection still waits to be accepted: without a pause, this loop would be
-                # busy
-                time.sleep(_PAUSE_S)
-            raise
-
     def process_request(self, request: Any, client_address: Any) -> None:
         """Answer in a thread, unless there are too many."""
-        with self._changed:
-            full = len(self._connections) >= MOST_CONNECTIONS
-            if not full:
-                self._connections.add(request)
-                self._due_s[request] = time.monotonic() + _REQUEST_S
-        if full:
-            with suppress(OSError):
-                request.send(b"HTTP/1.0 503 Service Unavailable\r\n\r\ntoo many connections\n")
-            self.shutdown_request(request)
-        else:
+        if threading.active_count() < MOST_THREADS:
             super().process_request(request, client_address)
-
-    def shutdown_request(self, request: Any) -> None:
-        """Close a connection."""
-        with self._changed:
-            self._connections.discard(request)
-            self._due_s.pop(request, None)
-        super().shutdown_request(request)
-
-    def service_actions(self) -> None:
-        """Read no more of requests that take too long; called twice a second."""
-        now = time.monotonic()
-        with self._changed:
-            for request in [one for one, due_s in self._due_s.items() if due_s < now]:
-                del self._due_s[request]
-                with suppress(OSError):
-                    request.shutdown(socket.SHUT_RD)
-
-    def in_time(self, request: socket.socket) -> bool:
-        """Return whether a request has come in time; it may take any time from now on."""
-        with self._changed:
-            return self._due_s.pop(request, None) is not None
+        else:
+            self.shutdown_request(request)
 
     def handle_error(self, request: Any, client_address: Any) -> None:
         """Ignore connections that end in the middle, and a system that has no thread left."""
-
-
-class _Head(io.BufferedReader):
-    """The lines of a request, which is only read up to a length."""
-
-    last = b""  #: The newest line, empty at the end.
-    left = _LONGEST_REQUEST
-
-    def readline(self, size: int | None = -1, /) -> bytes:
-        """Return the next line, or a part of it that is as long as a request may be."""
-        if not self.left:
-            raise LineTooLong("request")
-        self.last = super().readline(self.left)
-        self.left -= len(self.last)
-        return self.last
 
 
 class _Request(BaseHTTPRequestHandler):
     """Answers one request, of which nothing but a GET of a known path is accepted."""
 
     server: MatchServer
-    raw_requestline: bytes  # of the standard library
     timeout = _STUCK_S
     default_request_version = "HTTP/1.0"  # else an error for a request of two words has no status
 
-    def setup(self) -> None:
-        """Bound what is read."""
-        super().setup()
-        self._head = _Head(self.rfile.detach())
-        self.rfile = self._head
-        self._answered = False
-
-    def handle(self) -> None:
-        """Read the request, and answer it; what has no end, or no words, gets a status too."""
-        self.request_version, self.requestline = self.default_request_version, ""
-        super().handle()
-        if not self._answered:
-            in_time = self.server.in_time(self.connection)
-            self.send_error(HTTPStatus.BAD_REQUEST if in_time else HTTPStatus.REQUEST_TIMEOUT)
-
     def parse_request(self) -> bool:
         """Read the headers, and return whether the request is to be answered."""
-        if not self.raw_requestline.endswith(b"\n"):
-            if not self._head.left:
-                self.send_error(HTTPStatus.REQUEST_HEADER_FIELDS_TOO_LARGE)
-            return False
-        if not super().parse_request() or not self._head.last:
+        if not super().parse_request():
             return False
         if refusal := self._refusal():
             self.send_error(*refusal)
-            return False
-        return self.server.in_time(self.connection)
+        return refusal is None
 
     def do_GET(self) -> None:
         """Answer with what the path names."""
@@ -355,8 +268,6 @@ class _Request(BaseHTTPRequestHandler):
     def _refusal(self) -> tuple[HTTPStatus, str] | None:
         """Return why a request is refused; a page of another site must not read this one."""
         hosts = self.headers.get_all("Host", [])
-        if self.command != "GET":
-            return HTTPStatus.METHOD_NOT_ALLOWED, "only GET: this is read-only"
         if len(hosts) != 1:
             return HTTPStatus.BAD_REQUEST, "expected one Host header"
         if not self._is_own(hosts[0]):
@@ -403,13 +314,11 @@ class _Request(BaseHTTPRequestHandler):
 
     def end_headers(self) -> None:
         """End the headers with those that each answer has."""
-        self.send_header("Allow", "GET")
         self.send_header("Cache-Control", "no-store")
         self.send_header("Content-Security-Policy", _POLICY)
         self.send_header("Cross-Origin-Resource-Policy", "same-origin")
         self.send_header("X-Content-Type-Options", "nosniff")
         super().end_headers()
-        self._answered = True
 
     def send_error(self, code: int, message: str | None = None, explain: str | None = None) -> None:
         """Send an error as one line of text; a message may contain any text of the request."""
