@@ -14,15 +14,9 @@ import time
 
 import pyte
 
-#: pyte does not swap screens, but notes that it was asked to
-_OTHER_SCREEN = 1049 << 5
-
 
 class Terminal:
-    """A command in a terminal that, as most do, wraps long lines anew when it is made narrower.
-
-    The other screen, which programs take that fill it, is cut off instead.
-    """
+    """A command in a terminal that, as most do, wraps long lines anew when it is made narrower."""
 
     def __init__(self, words, env, folder, size=(100, 30)):
         self._master, slave = pty.openpty()
@@ -59,11 +53,6 @@ class Terminal:
     def resize(self, columns, rows):
         """Give the terminal another size, and show what it showed as terminals do."""
         with self._lock:
-            if _OTHER_SCREEN in self._screen.mode:
-                self._screen.resize(rows, columns)
-                size = struct.pack("HHHH", rows, columns, 0, 0)
-                fcntl.ioctl(self._master, termios.TIOCSWINSZ, size)
-                return
             lines = [line.rstrip() for line in self._screen.display[: self._screen.cursor.y + 1]]
             self._start_screen(columns, rows)
             self._stream.feed("\r\n".join(lines).encode())

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import io
 import json
 import os
 import signal
@@ -78,13 +77,9 @@ def stream(folder, port, map_file, *words, size=(100, 30)):
     return Terminal(program, ENV, folder, size)
 
 
-def labels(lines):
-    return [line.split()[0] for line in lines if line.split()]
-
-
 @pytest.mark.slow
 def test_a_terminal_shows_the_place_its_age_and_every_notice_at_any_size(map_file, tmp_path):
-    """One run: whole, narrower, silent, narrower while silent, lost, and ended by a signal."""
+    """One run: whole, narrower, silent, lost, and ended by a signal."""
     camera, full = Camera(), tmp_path / "full.bin"
     full.symlink_to("/dev/full")
     port = tmp_path / "camera"
@@ -99,15 +94,11 @@ def test_a_terminal_shows_the_place_its_age_and_every_notice_at_any_size(map_fil
     assert any("ends early: No space left on device" in line for line in shown)
     assert run.colour_of(" ends early") == "brown"  # a terminal's yellow
     assert run.colour_of("of 29 (") == "default"
-    # narrower: each line stands once, wherever the terminal put what was there
+    # narrower: what is shown goes on
     for size in ((60, 24), (34, 30), (90, 12)):
-        camera.send()
         run.resize(*size)
-        time.sleep(0.6)
         camera.send()
-        lines = run.wait_for(lambda text: "events/s" in text and "place " in text)
-        once = [each for each in labels(lines) if each in ("rate", "received", "place", "health")]
-        assert sorted(once) == sorted(set(once)), (size, lines)
+        run.wait_for(lambda text: "events/s" in text and "place " in text)
     # nothing comes: the place is of the past, and for how long is said
     run.resize(100, 30)
     run.wait_for(lambda text: "nothing came for 2 s" in text)
@@ -118,7 +109,6 @@ def test_a_terminal_shows_the_place_its_age_and_every_notice_at_any_size(map_fil
     camera.send()
     run.wait_for(lambda text: "nothing came" not in text)
     assert run.colour_of("of 29 (") == "default"
-    assert run.colour_of("no bytes for 1 s") == "brightblack"
     # the cable is pulled
     camera.link.close()
     port.unlink()
@@ -195,29 +185,7 @@ def test_a_notice_is_text_and_no_mark_up(monkeypatch):
     panel = Panel(Live())
     view = View(False, None, None, panel)
     view.say("device", EVIL)
-    panel.show({"place": "place [red]1"}, 0.5, stale=False)
+    panel.show({"place": "place [red]1"}, stale=False)
     assert "\\x1b[2J\\x1b]0;mine\\x07[red]\\u202ename" in shown.getvalue()
     assert "place [red]1" in shown.getvalue()
     assert "\x1b" not in shown.getvalue()
-
-
-@pytest.mark.parametrize(("encoding", "shown"), [("utf-8", "1  .▁▅█"), ("ascii", "7  .047")])
-@pytest.mark.parametrize("width", [79, 80])
-def test_a_wide_terminal_shows_the_probabilities_of_the_last_minute(encoding, shown, width):
-    from edge_vpr_tools.live_view import Panel
-    from rich.console import Console
-
-    output = io.TextIOWrapper(io.BytesIO(), encoding)
-    console = Console(file=output, width=width)
-
-    class Live:
-        def __init__(self):
-            self.console = console
-
-        def update(self, renderable, *, refresh):
-            console.print(renderable)
-
-    Panel(Live()).show({"certainty": "lost"}, None, (None, 0.0, 0.5, 1.0), stale=False)
-    output.flush()
-    text = output.buffer.getvalue().decode(encoding)
-    assert (shown in text) == (width >= 80)

@@ -8,17 +8,14 @@ import math
 import os
 import sys
 import time
-from collections import deque
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import asdict
 from pathlib import Path
-from typing import Any, NamedTuple, TextIO
+from typing import Any, TextIO
 
 import numpy as np
-from rich.console import Group, RenderableType
 from rich.live import Live
-from rich.progress_bar import ProgressBar
 from rich.table import Table
 from rich.text import Text
 
@@ -35,123 +32,55 @@ from edge_vpr.route import ALONG, ratio_text
 from edge_vpr_tools.console import in_flags, is_quiet, warning
 from edge_vpr_tools.publish import MatchServer
 
-# The full-screen view of a live run on a terminal.
+# The view of a live run on a terminal.
 
 
-#: Notices that are shown, and that are printed again at the end.
-_SHOWN, _KEPT = 6, 50
-_BAR_WIDTH = 50
-#: Seconds of the strip of probabilities, the width of a terminal that has room for it, and its
-#: levels, from a probability of 0 to one of 1.
-_STRIP_S, _WIDE = 60, 80
-_LEVELS, _PLAIN_LEVELS = "▁▂▃▄▅▆▇█", "01234567"
 _STALE, _WARNING = "bright_black", "yellow"
 #: Texts that have no meaning once nothing arrives.
 _OF_THE_NEWEST = {"place", "certainty", "latency"}
 
 
-class Notice(NamedTuple):
-    """Something that happened."""
-
-    kind: str
-    clock: str
-    text: str
-
-
 class Panel:
-    """Shows named texts, the position as a bar, and notices."""
+    """Shows named texts, which change in place, below notices, which scroll as all output does."""
 
     def __init__(self, live: Live) -> None:
         self._live = live
-        self._notices: deque[Notice] = deque(maxlen=_KEPT)
-        self._standing: set[str] = set()
         self.gone = False  #: Whether the terminal has gone.
 
-    def notice(self, kind: str, text: str, *, over: bool) -> None:
-        """Add a notice, shown as a warning until a notice of its kind says that it is over."""
-        self._notices.append(Notice(kind, time.strftime("%H:%M:%S"), text))
-        self._standing.discard(kind)
-        if not over:
-            self._standing.add(kind)
+    def notice(self, text: str, *, over: bool) -> None:
+        """Print a notice, as a warning unless it says that something is over."""
+        # a Text, as in a string square brackets would be marks
+        shown = Text(f"{time.strftime('%H:%M:%S')} {text}", style=_STALE if over else _WARNING)
+        self._to_terminal(lambda: self._live.console.print(shown))
 
-    def show(
-        self,
-        rows: Mapping[str, str],
-        share: float | None,
-        recent: Sequence[float | None] = (),
-        *,
-        stale: bool,
-    ) -> None:
-        """Draw texts by their names, and the position on the bar, from 0 to 1.
+    def show(self, rows: Mapping[str, str], *, stale: bool) -> None:
+        """Draw texts by their names.
 
         Parameters
         ----------
-        recent : sequence of float or None
-            Probability in each of the last seconds, None without an accepted match.
         stale : bool
-            Whether it is out of date; it is then shown in grey.
+            Whether the newest match is out of date; it is then shown in grey.
         """
-        try:
-            self._live.update(self._drawn(rows, share, recent, stale=stale), refresh=True)
-            # a terminal that was closed between two updates is no terminal for Rich, and gets none
-            self.gone = not self._live.console.file.isatty()
-        except OSError:
-            self.gone = True
-
-    def close(self) -> None:
-        """Restore the screen; calling it again has no effect."""
-        # a terminal that has gone needs nothing to be put back
-        with suppress(OSError):
-            self._live.stop()
-
-    def history(self) -> Iterator[str]:
-        """Return the notices, oldest first, to be printed after the screen is restored."""
-        return (f"{notice.clock} {notice.text}" for notice in self._notices)
-
-    def _drawn(
-        self,
-        rows: Mapping[str, str],
-        share: float | None,
-        recent: Sequence[float | None],
-        *,
-        stale: bool,
-    ) -> RenderableType:
         table = Table.grid(padding=(0, 2))
         table.add_column(style=_STALE, justify="right")
         table.add_column()
         for name, text in rows.items():
             style = _STALE if stale and name in _OF_THE_NEWEST else ""
-            # a Text, as in a string square brackets would be marks
             table.add_row(name, Text(text, style=_WARNING if name == "silent" else style))
-            if name == "place" and share is not None:
-                shown = _STALE if stale else "bar.complete"
-                table.add_row(
-                    "",
-                    ProgressBar(1.0, share, _BAR_WIDTH, complete_style=shown, finished_style=shown),
-                )
-            if name == "certainty" and recent and self._live.console.width >= _WIDE:
-                table.add_row(*self._strip(recent))
-        return Group(table, *self._notice_lines())
+        self._to_terminal(lambda: self._live.update(table, refresh=True))
 
-    def _strip(self, recent: Sequence[float | None]) -> tuple[str, Text]:
-        """Draw a letter a second, higher where a match was more probable; name the scale."""
-        plain = not self._live.console.encoding.startswith("utf")
-        levels = _PLAIN_LEVELS if plain else _LEVELS
-        letters = (
-            "." if each is None else levels[min(int(each * len(levels)), len(levels) - 1)]
-            for each in recent
-        )
-        return f"{_STRIP_S} s, 0 to {levels[-1] if plain else 1}", Text("".join(letters))
+    def close(self) -> None:
+        """Take the texts off the terminal; calling it again has no effect."""
+        self._to_terminal(self._live.stop)
 
-    def _notice_lines(self) -> Iterable[RenderableType]:
-        """Return the newest notices, preceded by older ones that still hold."""
-        newest = list(self._notices)[-_SHOWN:]
-        last = {notice.kind: notice for notice in self._notices}
-        older = [last[kind] for kind in self._standing if kind in last and last[kind] not in newest]
-        yield Text("")
-        for notice in [*older, *newest]:
-            stands = notice.kind in self._standing and notice is last[notice.kind]
-            yield Text(f"{notice.clock} {notice.text}", style=_WARNING if stands else _STALE)
+    def _to_terminal(self, draw: Callable[[], None]) -> None:
+        """Draw, and note whether the terminal has gone, which needs nothing to be put back."""
+        try:
+            draw()
+            # one that was closed between two updates is no terminal for Rich, and gets none
+            self.gone = not self._live.console.file.isatty()
+        except OSError:
+            self.gone = True
 
 
 # Conversion of live matches to rows of JSON.
@@ -274,7 +203,6 @@ class View:
         self._lag_s = 0.0
         self._lags = Lags()
         self._newest: Match | None = None
-        self._recent: deque[float | None] = deque(maxlen=_STRIP_S)
         self.matched = self.accepted = 0
         if reference is not None:
             self._write(route_row(reference))
@@ -303,7 +231,7 @@ class View:
         # texts of a device or of the system can contain anything
         text = printable(text)
         if self._panel is not None:
-            self._panel.notice(kind, text, over=over)
+            self._panel.notice(text, over=over)
         elif not self._quiet:
             self._print(text)
         elif not (self._json or over):
@@ -319,22 +247,15 @@ class View:
         since = now - self._shown
         if since < (_LINE_S if self._panel is None else _REFRESH_S):
             return
-        health, filled = status.health, status.filled
+        health = status.health
         silent = bool(status.lost_link) or health.silent_s > SILENT_S
         self._rate = (health.events - self._events_then) / since
         self._events_then, self._shown = health.events, now
         if now - self._logged >= _LINE_S:
             self._logged = now
             self._write(self._health(status))
-            newest = self._newest
-            unknown = silent or newest is None or newest.lost or math.isnan(newest.probability)
-            self._recent.append(None if newest is None or unknown else newest.probability)
         if self._panel is not None:
-            texts = self._texts(status)
-            share = self._position(filled) if self._places else None
-            has_trust = any(each is not None for each in self._recent)
-            recent = tuple(self._recent) if has_trust else ()
-            self._panel.show(texts, share, recent, stale=silent)
+            self._panel.show(self._texts(status), stale=silent)
             self.unread |= self._panel.gone
         elif not self._quiet:
             self._print_status(status, now)
@@ -356,9 +277,7 @@ class View:
         if self._quiet:
             return
         if self._panel is not None:
-            # notices disappear with the screen
             self._panel.close()
-            self._print(*self._panel.history())
         seconds = time.monotonic() - self._started
         text = f"{health.events:,} events in {health.bytes:,} bytes over {seconds:.1f} s"
         if self._places:
@@ -486,13 +405,13 @@ def open_view(
     server: MatchServer | None,
     line_s: float | None,
 ) -> Iterator[View]:
-    """Open a view and its log until the block ends; a terminal shows its other screen."""
+    """Open a view and its log until the block ends."""
     file = None if log is None else Path(log).open("w", encoding="utf-8")  # noqa: SIM115
     panel = None
     try:
         plain = as_json or is_quiet() or os.environ.get("TERM") == "dumb"
         if not plain and sys.stdout.isatty():
-            live = Live("waiting for events", auto_refresh=False, screen=True)
+            live = Live("waiting for events", auto_refresh=False, transient=True)
             live.start(refresh=True)
             panel = Panel(live)
         yield View(as_json, file, reference, panel, server, line_s)

@@ -53,7 +53,7 @@ BRISBANE = ("sunset2", "sunset1")
 #: share of the drive after which its window is shown
 _SHOWN = 0.8
 #: columns and rows, and how long the view is watched before it is drawn
-_TERMINAL = (80, 9)
+_TERMINAL = (80, 7)
 _WATCHED_S = 25
 #: time that the bridge takes to listen, in seconds
 _STARTING_S = 5.0
