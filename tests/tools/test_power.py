@@ -125,16 +125,6 @@ def test_ina3221_has_a_sensor_for_each_channel_and_the_whole_board_first(tmp_pat
     assert [sensor.read() for sensor in sensors] == pytest.approx([4.0, 0.5])
 
 
-def test_older_jetpack_is_read_by_its_rail_names(tmp_path):
-    """Milliwatts; the board's input contains the other rails."""
-    folder = tmp_path / "sys/bus/i2c/drivers/ina3221x/6-0040/iio:device0"
-    write(folder, rail_name_0="POM_5V_GPU", in_power0_input=300)
-    write(folder, rail_name_1="POM_5V_IN", in_power1_input=4590)
-    sensors, _ = find_sensors(tmp_path)
-    assert [sensor.read() for sensor in sensors] == pytest.approx([4.59, 0.3])
-    assert sensors[0].about.scope == "whole board"
-
-
 def rapl(root, microjoules, name="package-0", zone="intel-rapl:0"):
     return write(
         root / "sys/class/powercap" / zone, name=name, energy_uj=microjoules,

@@ -20,7 +20,7 @@ def find_sensors(root: Path = ROOT) -> tuple[list[Sensor], list[Missing]]:
     sensors : list of Sensor
         The best one first: sensors of the whole board precede those of parts of it.
     """
-    finders: tuple[Finder, ...] = (hwmon.find, hwmon.find_iio, pmic.find, powercap.find)
+    finders: tuple[Finder, ...] = (hwmon.find, pmic.find, powercap.find)
     sensors, missing = [], []
     for finder in finders:
         of_kind, absent = finder(root)
