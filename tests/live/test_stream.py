@@ -964,20 +964,17 @@ def test_ports_are_listed(capsys, monkeypatch):
     from serial.tools.list_ports_common import ListPortInfo
 
     ports = [ListPortInfo("/dev/ttyUSB0"), ListPortInfo("/dev/ttyACM0"), ListPortInfo("/dev/ttyS0")]
-    ports[0].vid, ports[0].pid = 0x0403, 0x6014
-    ports[1].vid, ports[1].pid = 0x37C5, 0x1206
+    ports[1].vid, ports[1].pid, ports[1].description = 0x37C5, 0x1206, "OpenMV N6"
     monkeypatch.setattr(list_ports, "comports", lambda: ports)
     assert main(["ports", "--json"]) == 0
     rows = json.loads(capsys.readouterr().out)
-    assert [(row["port"], row["protocol"], row["baud"]) for row in rows] == [
-        ("/dev/ttyACM0", "evpr", 921_600),
-        ("/dev/ttyS0", None, None),
-        ("/dev/ttyUSB0", "edvs", 12_000_000),
+    assert [(row["port"], row["usb"]) for row in rows] == [
+        ("/dev/ttyACM0", "37c5:1206"),
+        ("/dev/ttyS0", None),
+        ("/dev/ttyUSB0", None),
     ]
     assert main(["ports"]) == 0
-    lines = capsys.readouterr().out.splitlines()
-    assert lines[0].startswith("/dev/ttyACM0  37c5:1206  OpenMV N6")
-    assert lines[0].endswith("--protocol evpr --baud 921600")
+    assert capsys.readouterr().out.splitlines()[0] == "/dev/ttyACM0  37c5:1206  OpenMV N6"
     monkeypatch.setattr(list_ports, "comports", list)
     assert main(["ports"]) == 0
     assert "no serial ports" in capsys.readouterr().out

@@ -65,7 +65,7 @@ GROUPS: dict[str, dict[str, str]] = {
     "live cameras": {
         "stream": "localise live from a camera on a serial line, TCP, UDP, a pipe or a file",
         "bridge": "replay a recording over a serial line or a network, like a camera",
-        "ports": "list the serial ports and the protocol that each device probably uses",
+        "ports": "list the serial ports, and what is attached to them",
     },
     "hardware": {
         "estimate": "estimate operations, memory, time and modelled energy of a design",
