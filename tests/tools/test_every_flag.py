@@ -146,8 +146,6 @@ RUNS = [
     # 2: an address without a port
     ("sweep {f}/sweep.toml -o {f}/swept.csv --resume --scheduler nowhere", 2),
     ("compare {f}/swept.csv -o {f}/compared", 0),
-    # 2: these runs differ in no setting
-    ("compare {f}/swept.csv -o {f}/compared --overwrite --over pixels", 2),
     ("compare {f}/swept.csv -o {f}/compared --overwrite --figures pdf,svg --measure Recall@1", 0),
     ("demo -o {f}/demo --overwrite", 0),
 ]  # fmt: skip

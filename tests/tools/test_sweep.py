@@ -408,14 +408,9 @@ def test_the_commands_sweep_and_compare(plan_file, tmp_path, capsys, monkeypatch
     shares = [line["precision_at_100_recall"] for line in lines]
     assert shares[1] == shares[2]
     capsys.readouterr()
-    over = ["-o", str(tmp_path / "curve"), "--over"]
-    assert cli.main(["compare", str(swept), *over, "pixels", "-q"]) == 0
+    assert cli.main(["compare", str(swept), "-o", str(tmp_path / "quiet"), "-q"]) == 0
     assert cli.main([*words, "--resume", "-q"]) == 0
     assert capsys.readouterr() == ("", "")
-    assert cli.main(["compare", str(swept), *over, "tau", "--overwrite"]) == 2
-    assert "do not differ in tau: they differ in pixels" in capsys.readouterr().err
-    assert cli.main(["compare", str(swept), "--over", "pixels"]) == 2
-    capsys.readouterr()
     assert cli.main(f"compare {tmp_path}".split()) == 2
     # two runs of one name are told apart, and a name out of a file is no escape sequence
     swept.write_text(swept.read_text().replace("again", "a\x1b[2J|b"))
@@ -514,39 +509,14 @@ def test_the_interval_of_a_bootstrap_holds_the_mean_of_most_samples(monkeypatch)
     assert alone.low < alone.mean < alone.high
 
 
-def test_a_curve_over_a_setting_shows_the_means_over_drives():
-    (axes,) = comparison.draw_over(rows_over_drives(), "recall_at_1", "pixels").axes
-    (line,) = axes.get_lines()
-    assert line.get_xdata().tolist() == [25, 150]
-    assert line.get_ydata() == pytest.approx([0.702, 0.802])
-
-
-def test_curves_are_named_by_what_tells_them_apart_in_whole_words():
-    """In several lines, if need be; an interval that is not there is not promised."""
-    rows = []
-    for row in rows_over_drives()[:2] + rows_over_drives()[5:7]:
-        for restart in (4, 8):
-            of = {"filter_restart": f"{restart}", "matching": "filter", "smooth": restart == 4}
-            rows.append(row._replace(settings={**row.settings, **of}))
-    (axes,) = (drawing := comparison.draw_over(rows, "recall_at_1", "pixels")).axes
-    assert axes.get_title() == "Mean over drives"
-    labels = [text.get_text() for text in drawing.legends[0].get_texts()]
-    assert len(labels) == 2 and not any("r, " in label or "..." in label for label in labels)
-    (long,) = comparison._apart([("a setting 1",) * 20])
-    assert long.replace("\n", " ") == ", ".join(["a setting 1"] * 20)
-    assert comparison.lacks_intervals(rows, "recall_at_1")
-    assert not comparison.lacks_intervals(rows_over_drives(), "recall_at_1")
-
-
 def test_no_title_of_a_comparison_is_cut():
     rows = [row._replace(variant="a long name of a variant " * 4) for row in rows_over_drives()]
-    for drawing in (draw(rows, "differences_per_match"),
-                    comparison.draw_over(rows, "differences_per_match", "pixels")):  # fmt: skip
-        drawing.draw_without_rendering()
-        (axes,) = drawing.axes
-        title = axes.title.get_window_extent()
-        assert title.x0 >= 0 and title.x1 <= drawing.bbox.width
-        assert title.y1 <= drawing.bbox.height
+    drawing = draw(rows, "differences_per_match")
+    drawing.draw_without_rendering()
+    (axes,) = drawing.axes
+    title = axes.title.get_window_extent()
+    assert title.x0 >= 0 and title.x1 <= drawing.bbox.width
+    assert title.y1 <= drawing.bbox.height
 
 
 def test_wrong_use_of_workers_is_refused(plan_file, tmp_path, capsys):

@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from edge_vpr.errors import UsageError
 from edge_vpr_tools.console import note, number_of, summary
 from edge_vpr_tools.flags import (
     add_figures_flag,
@@ -17,7 +16,7 @@ from edge_vpr_tools.sweep import MEASURES
 EXAMPLES = """\
   edge-vpr compare pixels.csv
   edge-vpr compare pixels.csv codes.csv -o compared --figures pdf,svg
-  edge-vpr compare pixels.csv -o curves --over pixels --measure R@99P"""
+  edge-vpr compare pixels.csv -o compared --measure R@99P"""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -36,11 +35,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         default=next(iter(MEASURES.values())),
         help="measure of the figure, and of the differences from the first variant",
     )  # fmt: skip
-    output.add_argument(
-        "--over", metavar="SETTING",
-        help="draw the measure against this setting, with a curve for each combination of the "
-        "other settings",
-    )  # fmt: skip
 
 
 def run(args: argparse.Namespace) -> None:
@@ -56,8 +50,6 @@ def run(args: argparse.Namespace) -> None:
 
     runs, formats = [Path(run) for run in args.runs], figure_formats(args.figures)
     output = None if args.output is None else Path(args.output)
-    if args.over is not None and output is None:
-        raise UsageError("--over says what the figure shows: name a folder for it with -o")
     if output is not None:
         results.check_output_folder(output, args.overwrite, runs)
     rows = rows_of(runs)
@@ -65,7 +57,7 @@ def run(args: argparse.Namespace) -> None:
     show(rows)
     if output is not None:
         with results.results_folder(output, args.overwrite) as folder:
-            write_comparison(folder, rows, formats, measure, args.over)
+            write_comparison(folder, rows, formats, measure)
         if lacks_intervals(rows, measure):
             note(
                 f"means have no intervals: these need {LEAST} pairs of drives, or {LEAST} seeds of "

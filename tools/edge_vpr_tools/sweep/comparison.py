@@ -1,11 +1,10 @@
 """Comparison of sweeps: rows of variants on pairs of drives, with means and spreads over seeds.
 
-Over drives, variants have means, paired bootstrap intervals, and curves over a setting.
+Over drives, variants have means, and paired bootstrap intervals.
 """
 
 from __future__ import annotations
 
-import textwrap
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
@@ -14,10 +13,9 @@ import numpy as np
 import numpy.typing as npt
 from matplotlib.figure import Figure
 
-from edge_vpr.errors import UsageError, did_you_mean
 from edge_vpr.results import RUN, run_record, write_json
 from edge_vpr_tools.console import table
-from edge_vpr_tools.report.style import CYCLE, figure, legend_below, look, name_label, save
+from edge_vpr_tools.report.style import CYCLE, figure, name_label, save
 from edge_vpr_tools.report.tables import write_spreadsheet
 from edge_vpr_tools.sweep import MEASURES, SHARES
 from edge_vpr_tools.sweep.table import SETTINGS, Line, read_lines
@@ -244,75 +242,6 @@ def _mean(groups: Sequence[Floats]) -> float:
     return float(np.mean([group.mean() for group in groups]))
 
 
-# The figure of a measure over a setting.
-
-
-def draw_over(rows: Sequence[Row], measure: str, over: str) -> Figure:
-    """Draw a measure over a setting: the mean over drives, and its bootstrap interval.
-
-    Parameters
-    ----------
-    measure : str
-        One of `MEASURES`.
-    over : str
-        Key of a setting that differs between the rows. There is a line for each combination of
-        the others that differ.
-    """
-    keys = differing_settings(rows)
-    if over not in keys:
-        raise UsageError(
-            f"the runs do not differ in {over}{did_you_mean(over, keys)}: they differ in "
-            f"{', '.join(keys) or 'no setting'}"
-        )
-    words = list(dict.fromkeys(row.settings[over] for row in rows))
-    try:
-        at = {word: float(word) for word in words}
-        numeric = True
-    except ValueError:  # in the order of the plan
-        at = {word: float(number) for number, word in enumerate(words)}
-        numeric = False
-    several = len({row.tolerance for row in rows}) > 1
-    lines: dict[tuple[str, ...], dict[float, list[Floats]]] = {}
-    for row in rows:
-        fixed = [f"{key} {row.settings[key]}" for key in keys if key != over]
-        fixed += [f"tolerance {row.tolerance}"] * several
-        line = lines.setdefault((row.run, *fixed), {})
-        line.setdefault(at[row.settings[over]], []).append(row.values[measure])
-    labels = _apart(list(lines))
-    any_interval = False
-    height = 4.5 + 0.2 * sum(1 + label.count("\n") for label in labels)
-    with figure(7.5, height) as (drawing, axes):
-        for i, (label, line) in enumerate(zip(labels, lines.values(), strict=True)):
-            points = sorted(line)
-            intervals = [bootstrap(line[x]) for x in points]
-            style = look(i)
-            any_interval = any_interval or not np.isnan(intervals[0].low)
-            axes.plot(points, [one.mean for one in intervals], **style, marker="o", label=label)
-            axes.fill_between(
-                points, [one.low for one in intervals], [one.high for one in intervals],
-                color=style["color"], alpha=0.15, linewidth=0,
-            )  # fmt: skip
-        if not numeric:
-            axes.set_xticks(range(len(words)), [name_label(word) for word in words])
-        bounded = ", and its bootstrap interval of 95 %" * any_interval
-        axes.set_title(f"Mean over drives{bounded}", fontsize=10)
-        axes.set(xlabel=over, ylabel=MEASURES[measure])
-        legend_below(drawing, [axes], 1, fontsize=9)
-    return drawing
-
-
-def _apart(names: Sequence[tuple[str, ...]]) -> list[str]:
-    """Return labels of curves without the parts that all share, in lines of whole words."""
-    shared = set(names[0]).intersection(*names[1:]) if len(names) > 1 else set()
-    return [
-        "\n".join(
-            name_label(line)
-            for line in textwrap.wrap(", ".join(part for part in name if part not in shared), 90)
-        )
-        for name in names
-    ]
-
-
 # Files of a comparison.
 
 
@@ -320,11 +249,7 @@ NAME = "compare"
 
 
 def write_comparison(
-    folder: Path,
-    rows: Sequence[Row],
-    formats: Sequence[str],
-    measure: str,
-    over: str | None = None,
+    folder: Path, rows: Sequence[Row], formats: Sequence[str], measure: str
 ) -> None:
     """Write ``compare.csv``, with a line for each variant, and the figure in each format.
 
@@ -334,10 +259,7 @@ def write_comparison(
         Names from `report.FORMATS`.
     measure : str
         Measure of the figure and of the differences, one of `MEASURES`.
-    over : str, optional
-        Setting over which the figure shows the measure; see `draw_over`.
     """
-    drawing = draw(rows, measure) if over is None else draw_over(rows, measure, over)
     head = ["run", "variant", *differing_settings(rows), "tolerance", "drive_pairs", *MEASURES]
     head += [f"{measure}_difference", "difference_low", "difference_high"]
     lines: list[list[str | float | None]] = []
@@ -348,4 +270,4 @@ def write_comparison(
         lines.append([*named, one.drives, *cells])
     write_spreadsheet(folder / f"{NAME}.csv", head, lines)
     write_json(folder / RUN, run_record({}, []))
-    save(drawing, *(folder / f"{NAME}.{kind}" for kind in formats))
+    save(draw(rows, measure), *(folder / f"{NAME}.{kind}" for kind in formats))
