@@ -16,13 +16,13 @@ Pixel = tuple[int, int]
 Matrix = list[list[int]]
 
 
-def count(events: Sequence[Event], pixels: Sequence[Pixel], polarity: bool = False) -> list[int]:
-    """Events at each selected pixel; with polarity, the OFF counts follow the ON counts."""
+def count(events: Sequence[Event], pixels: Sequence[Pixel]) -> list[int]:
+    """Events at each selected pixel."""
     slot_of = {pixel: slot for slot, pixel in enumerate(pixels)}
-    counts = [0] * (len(pixels) * (2 if polarity else 1))
-    for _, x, y, p in events:
+    counts = [0] * len(pixels)
+    for _, x, y, _ in events:
         if (x, y) in slot_of:
-            counts[slot_of[x, y] + (len(pixels) if polarity and not p else 0)] += 1
+            counts[slot_of[x, y]] += 1
     return counts
 
 

@@ -82,9 +82,9 @@ def _skip(table: Any, row: Any, x: Any, y: Any, start: int) -> int:
 
 @kernel
 def count_slots(
-    table: Any, width: int, x: Any, y: Any, p: Any, counts: Any, slots_end: int, budget: int
+    table: Any, width: int, x: Any, y: Any, counts: Any, budget: int
 ) -> tuple[int, int]:
-    """Count until the budget is spent; the OFF counts start at `slots_end`."""
+    """Count until the budget is spent."""
     height, row, counted = table.size // width, np.uint64(width), 0
     for first in range(0, x.size, _BLOCK):
         xs, ys = x[first : first + _BLOCK], y[first : first + _BLOCK]
@@ -97,10 +97,8 @@ def count_slots(
                 slot = np.int64(table[np.uint64(ys[i]) * row + np.uint64(xs[i])])
                 if slot < 0:
                     continue
-                if slot >= slots_end:
+                if slot >= counts.size:
                     return OFF_COUNTS, counted
-                if p is not None and not p[first + i]:
-                    slot += slots_end
                 counts[slot] += 1
                 counted += 1
                 if counted == budget:
@@ -137,7 +135,6 @@ def count_events(
     x: Column,
     y: Column,
     counts: Counts,
-    p: Column | None = None,
 ) -> int:
     """Add a chunk of events to the counters of the selected pixels.
 
@@ -147,10 +144,8 @@ def count_events(
         Slot of each pixel, 0 to J-1, or -1 where no event counts.
     x, y : ndarray of uint16, shape (n,)
         Columns and rows.
-    counts : ndarray of int32 or int64, shape (J,), or (2J,) with polarity
-        Counters, added to in place; with polarity the OFF counts follow the ON counts.
-    p : ndarray of bool, shape (n,), optional
-        Polarities (True = ON), to count ON and OFF events apart.
+    counts : ndarray of int32 or int64, shape (J,)
+        Counters, added to in place.
 
     Returns
     -------
@@ -159,7 +154,7 @@ def count_events(
     """
     for name, array in (("table", table), ("x", x), ("y", y), ("counters", counts)):
         expect(array, np.ndarray, name, "an array")
-    return count_until(table, x, y, counts, _NO_LIMIT, p)[1]
+    return count_until(table, x, y, counts, _NO_LIMIT)[1]
 
 
 def count_until(
@@ -168,13 +163,12 @@ def count_until(
     y: Column,
     counts: Counts,
     budget: int,
-    p: Column | None = None,
 ) -> tuple[int, int]:
     """Count as :func:`count_events` does, but stop after the event that spends the budget.
 
     Parameters
     ----------
-    table, x, y, counts, p
+    table, x, y, counts
         As for :func:`count_events`.
     budget : int
         Number of events at selected pixels after which to stop, 0 or more.
@@ -187,30 +181,23 @@ def count_until(
         Number of them counted; `budget` if it was spent.
     """
     _check_pixels(table, "table", (np.int16, np.int32))
-    check_columns(x, y, p)
+    check_columns(x, y)
     if counts.ndim != 1 or counts.dtype not in (np.int32, np.int64):
         raise UsageError(
             f"counters are {counts.dtype} of shape {counts.shape}: give int32 or int64, 1-D"
         )
     _check_writeable(counts, "counters")
-    if p is not None and counts.size % 2:
-        raise UsageError(
-            f"{counts.size} counters cannot hold as many ON as OFF counts: give two per slot"
-        )
     if budget < 0:
         raise UsageError(f"budget of {budget} events is negative: give 0 or more")
     if budget == 0:
         return 0, 0
     height, width = table.shape
-    slots_end = counts.size if p is None else counts.size // 2
-    consumed, counted = count_slots(
-        table.reshape(-1), width, x, y, p, counts, slots_end, min(budget, _NO_LIMIT)
-    )
+    consumed, counted = count_slots(table.reshape(-1), width, x, y, counts, min(budget, _NO_LIMIT))
     if consumed == OFF_SENSOR:
         raise _off_sensor(x, y, width, height)
     if consumed == OFF_COUNTS:
         raise UsageError(
-            f"table names slot {table.max()} and there are counters for {slots_end} slots: "
+            f"table names slot {table.max()} and there are counters for {counts.size} slots: "
             f"give counters for {table.max() + 1}"
         )
     return int(consumed), int(counted)
@@ -228,7 +215,7 @@ def count_frame(x: Column, y: Column, frame: Counts) -> None:
     """
     _check_pixels(frame, "count image", (np.int32, np.int64))
     _check_writeable(frame, "count image")
-    check_columns(x, y, None)
+    check_columns(x, y)
     height, width = frame.shape
     if count_pixels(x, y, frame.reshape(-1), width) == OFF_SENSOR:
         raise _off_sensor(x, y, width, height)
@@ -252,19 +239,17 @@ def _check_writeable(counts: Counts, name: str) -> None:
         raise UsageError(f"{name}: the array may only be read: give a copy to count in")
 
 
-def check_columns(x: Column, y: Column, p: Column | None) -> None:
+def check_columns(x: Column, y: Column) -> None:
     """Raise UsageError unless the columns of events are of their types, and of one length."""
     for name, column in (("x", x), ("y", y)):
         if column.dtype != np.uint16:
             raise UsageError(
                 f"column {name} is {column.dtype}, not uint16: build events with make_events"
             )
-    if p is not None and p.dtype != np.bool_:
-        raise UsageError(f"column p is {p.dtype}, not bool: build events with make_events")
-    shapes = {column.shape for column in (x, y, p) if column is not None}
-    if len(shapes) > 1 or x.ndim != 1:
+    if x.shape != y.shape or x.ndim != 1:
         raise UsageError(
-            f"event columns have the shapes {sorted(shapes)}: give one value per event in each"
+            f"event columns have the shapes {x.shape} and {y.shape}: give one value per event in "
+            "each"
         )
 
 
@@ -287,23 +272,17 @@ class DescriptorStream:
     >>> stream = DescriptorStream(two, FixedTime(tau_us=10))
     >>> stream.update(make_events(t=[0, 4, 9, 12], x=[1, 2, 1, 1], y=[0, 0, 0, 0])).counts
     array([[2, 1]], dtype=uint8)
-
-    Parameters
-    ----------
-    polarity : bool
-        Count ON and OFF events apart.
     """
 
-    def __init__(self, pixel_map: PixelMap, window: Window, *, polarity: bool = False) -> None:
+    def __init__(self, pixel_map: PixelMap, window: Window) -> None:
         expect(pixel_map, PixelMap, "pixel_map", "a PixelMap, as of select_pixels or of a map")
         expect(window, (FixedTime, FixedCount), "window", "FixedTime(tau_us) or FixedCount(events)")
         self._table = pixel_map.table()
         self._window = window
-        self._polarity = polarity
         # if every pixel is its own slot, the counters are an image and no table is needed
-        dense = not polarity and pixel_map == PixelMap.all_of(pixel_map.sensor)
+        dense = pixel_map == PixelMap.all_of(pixel_map.sensor)
         self._image_shape = self._table.shape if dense else None
-        self._counts = np.zeros(len(pixel_map) * (2 if polarity else 1), dtype=np.int64)
+        self._counts = np.zeros(len(pixel_map), dtype=np.int64)
         self._counted = 0  # events still missing in a fixed-count window
         self._events = 0  # events of the open window at any pixel
         self._unseen_time = UnseenTime(window)
@@ -377,18 +356,12 @@ class DescriptorStream:
 
     def _fixed_count(self, events: Events, budget: int) -> Iterator[WindowCounts]:
         t, x, y = events.t, events.x, events.y
-        p = events.p if self._polarity else None
         cut = 0
         while cut < events.size:
             if not self._events:
                 self._start = int(t[cut])
             consumed, counted = count_until(
-                self._table,
-                x[cut:],
-                y[cut:],
-                self._counts,
-                budget - self._counted,
-                None if p is None else p[cut:],
+                self._table, x[cut:], y[cut:], self._counts, budget - self._counted
             )
             cut += consumed
             self._events += consumed
@@ -401,8 +374,7 @@ class DescriptorStream:
             if self._image_shape is not None:
                 count_frame(events.x, events.y, self._counts.reshape(self._image_shape))
             else:
-                p = events.p if self._polarity else None
-                count_events(self._table, events.x, events.y, self._counts, p)
+                count_events(self._table, events.x, events.y, self._counts)
             self._events += events.size
 
     def _take(self, start: int, end: int) -> WindowCounts:
@@ -436,13 +408,10 @@ class CountPixels:
     window : FixedTime or FixedCount, optional
         Cut the array into windows, without the incomplete last one. Fixed-time windows start at
         time 0. If absent, all events are one window, which suits the slices of a slicer.
-    polarity : bool
-        Count ON and OFF events separately.
     """
 
     pixel_map: PixelMap
     window: Window | None = None
-    polarity: bool = False
     _table: npt.NDArray[np.signedinteger] = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
@@ -455,36 +424,34 @@ class CountPixels:
         Parameters
         ----------
         events : Events, or structured ndarray, shape (n,)
-            With the fields x and y of any integer dtype, p for polarity (greater than 0 is ON) and
-            t for windows; the fields of tonic's arrays may be in any order. The array is not
-            changed.
+            With the fields x and y of any integer dtype, and t for windows, in any order. The array
+            is not changed.
 
         Returns
         -------
-        ndarray of int64, shape (J,), or (2 J,) with polarity
-            The J counts of ON events precede those of OFF events. With `window`, there is one row
-            for each window, shape (K, J) or (K, 2 J).
+        ndarray of int64, shape (J,)
+            With `window`, there is one row for each window, shape (K, J).
         """
         if not isinstance(events, Events):
             events = self._events_of(events)
         if self.window is not None:
             check_events(events, self.pixel_map.sensor, after=0)
-            stream = DescriptorStream(self.pixel_map, self.window, polarity=self.polarity)
+            stream = DescriptorStream(self.pixel_map, self.window)
             return stream.update(events).counts.astype(np.int64)
-        counts = np.zeros(len(self.pixel_map) * (2 if self.polarity else 1), dtype=np.int64)
-        count_events(self._table, events.x, events.y, counts, events.p if self.polarity else None)
+        counts = np.zeros(len(self.pixel_map), dtype=np.int64)
+        count_events(self._table, events.x, events.y, counts)
         return counts
 
     def _events_of(self, array: npt.NDArray[Any]) -> Events:
         """Return the events of a structured array, whose fields are those that are counted by."""
-        needed = "xy" + "p" * self.polarity + "t" * (self.window is not None)
+        needed = "xy" + "t" * (self.window is not None)
         if not set(needed) <= set(array.dtype.names or ()):
             raise EventError(
                 f"event array has dtype {array.dtype}, without all of the fields "
                 f"{', '.join(sorted(needed))}: give a structured array as tonic's datasets do"
             )
         t = array["t"] if "t" in needed else np.zeros(array.shape, np.int64)
-        return make_events(t, array["x"], array["y"], array["p"] if self.polarity else None)
+        return make_events(t, array["x"], array["y"])
 
 
 # Inputs of mapping and matching: a recording of events, or counts of finished windows.

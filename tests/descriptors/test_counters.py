@@ -30,7 +30,7 @@ def random_table(rng, sensor: Sensor, J: int, dtype=np.int16):
 
 
 def columns(events, contiguous: bool):
-    views = events["x"], events["y"], events["p"]
+    views = events["x"], events["y"]
     return tuple(np.ascontiguousarray(view) for view in views) if contiguous else views
 
 
@@ -42,49 +42,45 @@ def columns(events, contiguous: bool):
     dtype=st.sampled_from([np.int16, np.int32]),
     counter=st.sampled_from([np.int32, np.int64]),
     contiguous=st.booleans(),
-    polarity=st.booleans(),
     pieces=st.integers(1, 9),
 )
 def test_counts_equal_the_oracle_however_the_stream_is_cut(
-    seed, n, J, dtype, counter, contiguous, polarity, pieces
+    seed, n, J, dtype, counter, contiguous, pieces
 ):
     rng = np.random.default_rng(seed)
     sensor = Sensor(7, 5)
     table, pixels = random_table(rng, sensor, J, dtype)
     events = random_events(rng, n, sensor, 1000)
-    counts = np.zeros(J * (1 + polarity), dtype=counter)
+    counts = np.zeros(J, dtype=counter)
     counted = 0
     for chunk in cut_up(rng, events, pieces):
-        x, y, p = columns(chunk, contiguous)
-        counted += count_events(table, x, y, counts, p if polarity else None)
-    assert counts.tolist() == naive.count(as_tuples(events), pixels, polarity)
+        counted += count_events(table, *columns(chunk, contiguous), counts)
+    assert counts.tolist() == naive.count(as_tuples(events), pixels)
     assert counted == counts.sum()
 
 
 @pytest.mark.parametrize("contiguous", [True, False])
-@pytest.mark.parametrize("polarity", [True, False])
 @pytest.mark.parametrize("n", [_BLOCK - 1, _BLOCK, 2 * _BLOCK + 17])
-def test_counts_equal_the_oracle_across_blocks(contiguous, polarity, n):
+def test_counts_equal_the_oracle_across_blocks(contiguous, n):
     """The kernel works through blocks and groups; their ends lose no event and double none."""
     rng = np.random.default_rng(n)
     sensor = Sensor(40, 30)
     table, pixels = random_table(rng, sensor, 25)
     events = random_events(rng, n, sensor, 1000)
-    counts = np.zeros(25 * (1 + polarity), dtype=np.int32)
-    x, y, p = columns(events, contiguous)
-    count_events(table, x, y, counts, p if polarity else None)
-    assert counts.tolist() == naive.count(as_tuples(events), pixels, polarity)
+    counts = np.zeros(25, dtype=np.int32)
+    count_events(table, *columns(events, contiguous), counts)
+    assert counts.tolist() == naive.count(as_tuples(events), pixels)
 
 
-@given(seed=SEEDS, n=st.integers(0, 300), budget=st.integers(0, 40), polarity=st.booleans())
-def test_a_budget_ends_the_count_right_after_the_event_that_spends_it(seed, n, budget, polarity):
+@given(seed=SEEDS, n=st.integers(0, 300), budget=st.integers(0, 40))
+def test_a_budget_ends_the_count_right_after_the_event_that_spends_it(seed, n, budget):
     rng = np.random.default_rng(seed)
     sensor = Sensor(7, 5)
     table, pixels = random_table(rng, sensor, 6)
     events = random_events(rng, n, sensor, 1000)
-    x, y, p = columns(events, contiguous=False)
-    counts = np.zeros(6 * (1 + polarity), dtype=np.int32)
-    consumed, counted = count_until(table, x, y, counts, budget, p if polarity else None)
+    x, y = columns(events, contiguous=False)
+    counts = np.zeros(6, dtype=np.int32)
+    consumed, counted = count_until(table, x, y, counts, budget)
 
     tuples = as_tuples(events)
     selected = [i for i, event in enumerate(tuples) if event[1:3] in pixels]
@@ -94,7 +90,7 @@ def test_a_budget_ends_the_count_right_after_the_event_that_spends_it(seed, n, b
         assert (consumed, counted) == (n, len(selected))
     else:
         assert (consumed, counted) == (selected[budget - 1] + 1, budget)
-    assert counts.tolist() == naive.count(tuples[:consumed], pixels, polarity)
+    assert counts.tolist() == naive.count(tuples[:consumed], pixels)
 
 
 def test_a_budget_is_found_in_a_later_block():
@@ -115,7 +111,7 @@ def test_a_count_image_holds_every_event(seed, n, contiguous, pieces):
     events = random_events(rng, n, sensor, 1000)
     frame = np.zeros((4, 6), dtype=np.int32)
     for chunk in cut_up(rng, events, pieces):
-        count_frame(*columns(chunk, contiguous)[:2], frame)
+        count_frame(*columns(chunk, contiguous), frame)
     pixels = [(x, y) for y in range(4) for x in range(6)]
     assert frame.reshape(-1).tolist() == naive.count(as_tuples(events), pixels)
 
@@ -128,7 +124,7 @@ def test_an_event_off_the_sensor_is_an_error_and_not_another_pixel(pixel, positi
     n = 2 * _BLOCK + 5
     events = make_events(np.arange(n), np.zeros(n), np.zeros(n))
     events["x"][position], events.y[position] = pixel
-    x, y, _ = columns(events, contiguous)
+    x, y = columns(events, contiguous)
     table = np.full((5, 7), -1, dtype=np.int16)
     with pytest.raises(EventError, match="lies off the 7x5 sensor"):
         count_events(table, x, y, np.zeros(1, dtype=np.int32))
@@ -136,15 +132,12 @@ def test_an_event_off_the_sensor_is_an_error_and_not_another_pixel(pixel, positi
         count_frame(x, y, np.zeros((5, 7), dtype=np.int32))
 
 
-@pytest.mark.parametrize("polarity", [True, False])
-def test_a_slot_without_a_counter_is_an_error_and_not_a_stray_write(polarity):
+def test_a_slot_without_a_counter_is_an_error_and_not_a_stray_write():
     table = np.array([[0, 3]], dtype=np.int16)
     x, y = np.array([0, 1], dtype=np.uint16), np.zeros(2, dtype=np.uint16)
-    p = np.array([True, True]) if polarity else None
     memory = np.zeros(8, dtype=np.int32)
-    counts = memory[: 4 if polarity else 3]
     with pytest.raises(UsageError, match="names slot 3"):
-        count_events(table, x, y, counts, p)
+        count_events(table, x, y, memory[:3])
     assert memory.tolist() == [1, 0, 0, 0, 0, 0, 0, 0]
 
 
@@ -165,9 +158,6 @@ COUNTS = np.zeros(2, dtype=np.int32)
         ((TABLE, X, X[:2], COUNTS), "one value per event"),
         ((TABLE, X[:, None], X[:, None], COUNTS), "one value per event"),
         ((TABLE, X, X, COUNTS.astype(np.uint8)), "counters are uint8"),
-        ((TABLE, X, X, COUNTS, X), "column p is uint16"),
-        ((TABLE, X, X, COUNTS[:1], X > 0), "as many ON as OFF"),
-        ((TABLE, X, X, COUNTS, (X > 0)[:1]), "one value per event"),
     ],
 )
 def test_arrays_that_do_not_fit_are_refused(arguments, message):

@@ -43,15 +43,12 @@ def unseen_of(windows):
         st.builds(FixedTime, st.integers(1, 400)).filter(lambda w: w.tau_us > 3),
         st.builds(FixedCount, st.integers(1, 30)),
     ),
-    polarity=st.booleans(),
     pieces=st.integers(1, 9),
 )
-def test_descriptors_equal_the_oracle_however_the_stream_is_cut(
-    seed, n, duration, window, polarity, pieces
-):
+def test_descriptors_equal_the_oracle_however_the_stream_is_cut(seed, n, duration, window, pieces):
     rng = np.random.default_rng(seed)
     events = random_events(rng, n, SENSOR, duration)
-    stream = DescriptorStream(PIXEL_MAP, window, polarity=polarity)
+    stream = DescriptorStream(PIXEL_MAP, window)
     described = descriptors(stream, cut_up(rng, events, pieces))
 
     if isinstance(window, FixedTime):
@@ -67,7 +64,7 @@ def test_descriptors_equal_the_oracle_however_the_stream_is_cut(
         assert described.start_us.tolist() == [w[0][0] for w in expected]
         assert described.end_us.tolist() == [w[-1][0] for w in expected]
         assert all(row.sum() == window.events for row in described.counts)
-    assert described.counts.tolist() == [naive.count(w, PIXELS, polarity) for w in expected]
+    assert described.counts.tolist() == [naive.count(w, PIXELS) for w in expected]
     assert described.events.tolist() == [len(w) for w in expected]
     # nothing is lost: what the windows do not hold is the incomplete one
     rest = stream.finish()
