@@ -336,25 +336,6 @@ def test_a_port_that_is_taken_is_told_with_its_remedy(drive, capsys):
             MatchServer("203.0.113.7:0")
 
 
-@pytest.mark.skipif(shutil.which("curl") is None, reason="curl is not installed")
-def test_curl_reads_the_rows(running):
-    def send():
-        while len(lines) < 4:
-            running.send("match", json.dumps({"kind": "match", "place": 3}))
-            time.sleep(0.01)
-
-    lines: list[str] = []
-    command = ["curl", "-sN", f"{running.address}events"]
-    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as curl:
-        assert curl.stdout is not None
-        thread = threading.Thread(target=send)
-        thread.start()
-        lines.extend(curl.stdout.readline() for _ in range(4))
-        thread.join()
-        curl.terminate()
-    assert lines == 2 * ['data: {"kind": "match", "place": 3}\n', "\n"]
-
-
 def test_rows_go_on_to_mqtt_by_the_line_of_the_page(running, tmp_path):
     names = ("mosquitto", "mosquitto_pub", "mosquitto_sub", "curl")
     missing = [name for name in names if which(name) is None]
