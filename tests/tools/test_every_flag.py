@@ -120,7 +120,7 @@ RUNS = [
     ("estimate --map {f}/wide_map.npz --target cortex-m4", 0),
     ("golden --design {f}/design.toml -o {f}/vectors --seed 1", 0),
     ("golden --map {f}/wide_map.npz --recording {f}/query.npz --max-windows 5 --lanes 2 "
-     "--case-size 256KiB --vectors 2MB -o {f}/vectors --overwrite", 0),
+     "--vectors 2MB -o {f}/vectors --overwrite", 0),
     ("golden --map {f}/wide_map.npz --recording {f}/query.npz --max-windows 3 --suite recording "
      "-o {f}/vectors2", 0),
     ("golden --design {f}/design.toml -o {f}/core_vectors --rtl", 0),

@@ -16,7 +16,6 @@ from edge_vpr.reference_map import ReferenceMap
 from edge_vpr_tools.estimate.of_map import memories_of
 from edge_vpr_tools.estimate.search import Budget
 from firmware_model import Design, Event
-from firmware_model.image import image_bytes
 from firmware_model.vectors import (
     AIMED,
     Case,
@@ -25,49 +24,26 @@ from firmware_model.vectors import (
 from firmware_model.vectors.facts import facts_for
 from firmware_model.vectors.manifest import SuiteEntry
 
-#: flash of a microcontroller that is left for the program beside a case
-_PROGRAM_BYTES = 16 * 1024
-_EVENT_BYTES, _RECORD_BYTES = 8, 5 * 4
-
 
 def vectors_size(text: str) -> float:
     """Read the size of a folder of vectors: `all`, 0, or bytes such as 20MB."""
     if text == "all":
         return math.inf
-    return 0.0 if text == "0" else case_size(text)
-
-
-def case_size(text: str) -> float:
-    """Read bytes such as 512KiB."""
+    if text == "0":
+        return 0.0
     budget = Budget.parse(text)
     if budget.quantity != "bytes":
-        raise UsageError(f"size {text!r}: expected memory, such as 512KiB")
+        raise UsageError(f"size {text!r}: expected memory, such as 20MB")
     return budget.limit
 
 
 def recorded_case(
-    reference: ReferenceMap,
-    design: Design,
-    recording: EventSource,
-    most_windows: int,
-    most_bytes: float,
-) -> tuple[Case, bool]:
+    reference: ReferenceMap, design: Design, recording: EventSource, most_windows: int
+) -> Case:
     """Make a case of the first windows of a drive, cleaned as in the pipeline.
 
     All events at selected pixels are in it. Of the others, which change no result, there are at
-    most as many, evenly spread. Where the case is still larger than the memory, it has fewer of
-    these, and then fewer windows, but enough for a match.
-
-    Parameters
-    ----------
-    most_bytes : float
-        Of a microcontroller's flash with the case: image, events, and expected records.
-
-    Returns
-    -------
-    case : Case
-    fits : bool
-        Whether no window was left out for want of memory.
+    most as many, evenly spread.
 
     Raises
     ------
@@ -81,22 +57,12 @@ def recorded_case(
         )
     memories = memories_of(reference, design)
     events, selected = _first_windows(reference, design, recording, most_windows)
-    room = most_bytes - _PROGRAM_BYTES - image_bytes(design)
-    windows = most_windows
-    while True:
-        end = _end_of(windows, design, events, selected)
-        chosen = selected[:end].copy()
-        # the last event may be what ends the last window
-        chosen[-1:] = True
-        size = int(chosen.sum()) * (_EVENT_BYTES + _RECORD_BYTES)
-        # the records of a window and of its match
-        size += windows * 4 * ((design.slots + 4) + 10)
-        if size <= room or windows == design.length:
-            break
-        windows -= 1
+    end = _end_of(most_windows, design, events, selected)
+    chosen = selected[:end].copy()
+    # the last event may be what ends the last window
+    chosen[-1:] = True
     others = np.flatnonzero(~chosen)
-    fit = max(0, int((room - size) // (_EVENT_BYTES + _RECORD_BYTES)))
-    taken = min(others.size, fit, int(chosen.sum()))
+    taken = min(others.size, int(chosen.sum()))
     chosen[others[np.linspace(0, others.size - 1, taken).astype(np.int64)]] = True
     clock = 1 << design.timestamp_bits
     of_case = tuple(Event(t % clock, x, y, bool(p)) for t, x, y, p in events[:end][chosen].tolist())
@@ -108,7 +74,7 @@ def recorded_case(
             f"{_window_text(design)}: a match takes {design.length} whole "
             f"window{'s' * (design.length > 1)}; take a longer part of the drive"
         )
-    return case, windows == most_windows
+    return case
 
 
 def _window_text(design: Design) -> str:

@@ -83,10 +83,6 @@ def calibrate(reference: ReferenceMap, matches: Matches, truth: GroundTruth) -> 
     )
 
 
-#: with fewer matches, even if all are correct, the table cannot reach a precision of 0.99
-LEAST_MATCHES = 100
-
-
 def run(args: argparse.Namespace) -> None:
     """Learn the table of probabilities and write it with the map."""
     from edge_vpr import results
@@ -103,7 +99,6 @@ def run(args: argparse.Namespace) -> None:
     if args.output is not None:
         check_new_map(output, [folder, *files.files], args.overwrite)
     result, truth, _ = load_evaluated(folder, files)
-    crowded = not (folder / results.QUERIES).is_file() and _every(folder) != "window"
     calibration = calibrate(result.reference, result.matches, truth)
     if calibration.settings_changed:
         note(
@@ -112,40 +107,15 @@ def run(args: argparse.Namespace) -> None:
     # without -o, the results' own map gets the table
     calibration.reference.save(output, overwrite=args.overwrite or args.output is None)
 
-    if calibration.matches < LEAST_MATCHES:
-        note(
-            f"{calibration.matches} matches are few to learn probabilities from: calibrate with "
-            "more"
-        )
-    if crowded:
-        note(
-            "matches after every event are almost copies of each other, so that the "
-            "probabilities are more extreme than the drive justifies: calibrate from matches "
-            "without --online, or with --every window"
-        )
-    if calibration.off_map == 0:
-        note(
-            "every query of this drive is on the map: on drives that leave it, the probabilities "
-            "will be too high"
-        )
     before = ""
     if calibration.error_before is not None:
         before = f"; the table used before was off by {calibration.error_before:.3f} on average"
     table = calibration.confidence
     summary(
         f"{output}: probabilities in {len(table.trust)} steps from {calibration.matches} matches, "
-        f"{calibration.correct} of them correct{before}"
+        f"{calibration.correct} of them correct and {calibration.off_map} off the map{before}"
     )
     summary(
         f"they range from {table.probability[0]:.3f} to {table.probability[-1]:.3f}, and are off "
         f"by {calibration.error:.3f} on the drive that they were learnt from"
     )
-
-
-def _every(folder: Path) -> object:
-    """Return the schedule of an online run as the user wrote it; None if it is not recorded."""
-    from edge_vpr.files import read_json
-    from edge_vpr.results import METRICS
-
-    path = folder / METRICS
-    return read_json(path, "metrics", "match again").get("every") if path.is_file() else None

@@ -40,11 +40,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="number of windows to take from the start of the recording",
     )  # fmt: skip
     vectors.add_argument(
-        "--case-size", metavar="SIZE", default="512KiB",
-        help="flash of the microcontroller, into which case.h of the recording must fit: windows, "
-        "and events at unselected pixels, are left out until it does",
-    )  # fmt: skip
-    vectors.add_argument(
         "--vectors", metavar="SIZE", default="all",
         help="leave cases out, so that the folder has about this size, such as 20MB; the others "
         "reach as many corners as possible",
@@ -72,7 +67,6 @@ def run(args: argparse.Namespace) -> None:
     from edge_vpr_tools.estimate.of_map import design_of
     from edge_vpr_tools.golden_vectors import (
         aimed_corners,
-        case_size,
         check_vectors_folder,
         recorded_case,
         vectors_size,
@@ -90,7 +84,6 @@ def run(args: argparse.Namespace) -> None:
     check_output(output, (args.design, args.map, args.recording))
     check_vectors_folder(output, args.overwrite)
     recorded: list[Case] = []
-    fits = True
     if args.map is None:
         design = Design.load(args.design)
     else:
@@ -99,10 +92,7 @@ def run(args: argparse.Namespace) -> None:
         if args.recording is not None:
             recording = open_recording(args.recording, default=reference.camera)
             with status("windows of the recording"):
-                case, fits = recorded_case(
-                    reference, design, recording, args.max_windows, case_size(args.case_size)
-                )
-                recorded = [case]
+                recorded = [recorded_case(reference, design, recording, args.max_windows)]
     with replacing_folder(output, args.overwrite) as folder, status("cases") as show_case:
         suites = _suites(args, design, recorded)
         made = {name: cases for name, cases in suites.items() if name != "recording"}
@@ -128,10 +118,10 @@ def run(args: argparse.Namespace) -> None:
         (suite.cases[0].windows for suite in manifest.suites if suite.name == "recording"), None
     )
     if windows is not None and windows < args.max_windows:
-        why = (
-            "the drive is shorter" if fits else f"--case-size {args.case_size} has no room for more"
+        note(
+            f"the recording's case has {windows} of --max-windows {args.max_windows}: the drive is "
+            "shorter"
         )
-        note(f"the recording's case has {windows} of --max-windows {args.max_windows}: {why}")
     for suite in manifest.suites:
         missed = [corner for corner, number in aimed_corners(suite, design).items() if number == 0]
         if missed:
