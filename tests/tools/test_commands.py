@@ -254,7 +254,6 @@ def test_an_output_of_ours_is_replaced_when_told(drive, tmp_path):
         "match {d}/map.npz {d}/query.npz --no-figures --online",
         "golden --map {d}/map.npz --suite random --vectors 10kB",
         "hardware --map {d}/map.npz --vectors 10kB",
-        "compare {d}/results",
         "profile --map {d}/map.npz --recording {d}/query.npz --quick --window-s 0.1 --pairs 5",
     ],
     ids=lambda line: line.split()[0] + "-online" * ("--online" in line),
@@ -262,10 +261,6 @@ def test_an_output_of_ours_is_replaced_when_told(drive, tmp_path):
 def test_of_two_runs_into_one_new_folder_one_wins(line, drive, capsys, tmp_path, monkeypatch):
     """The other run ends while this one waits for the disk, later than all checks of the flags."""
     sync, won = os.fsync, tmp_path / "new"
-    if line.startswith("compare"):
-        np.save(drive / "truth.npy", np.eye(19, 19, dtype=np.uint8))
-        evaluate = ["evaluate", drive / "results", "--ground-truth", drive / "truth.npy"]
-        assert main([*map(str, evaluate), "--rows", "reference"]) == 0
 
     def other_ends(handle):
         if not won.exists():
@@ -321,10 +316,6 @@ def test_an_error_that_nobody_expected_is_one_line_and_debug_shows_the_trace(
     refused(capsys, *arguments, code=1, says=says)
     _, lines = call(capsys, "--debug", *arguments)
     assert any("Traceback" in line for line in lines)
-
-
-def test_wrong_words_are_wrong_use(capsys):
-    refused(capsys, "drive", code=2, says="there is no command 'drive'")
 
 
 def test_a_file_of_somebody_else_in_a_results_folder_is_never_deleted(drive, capsys, tmp_path):

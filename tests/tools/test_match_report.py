@@ -517,5 +517,3 @@ def test_json_on_standard_output_is_what_the_files_hold_and_nothing_else(street,
     assert matched == json.loads(metrics.read_text())
     judged = printed("evaluate", out, "--ground-truth", *tracks, "--tolerance", 3)
     assert judged == json.loads(metrics.read_text())
-    compared = printed("compare", out, "-o", tmp_path / "compared")
-    assert compared == json.loads((tmp_path / "compared/compare.json").read_text())
