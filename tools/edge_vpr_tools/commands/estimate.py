@@ -21,7 +21,7 @@ PLACES = 1_000
 EXAMPLES = """\
   edge-vpr estimate --pixels 83 --places 2000 --target cortex-m4
   edge-vpr estimate --map monday.npz
-  edge-vpr estimate --places 1600 --fit flash=256KiB --fit ram=32KiB --fit 5mW"""
+  edge-vpr estimate --places 1600 --fit flash=256KiB --fit ram=32KiB"""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -57,7 +57,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )  # fmt: skip
     answers.add_argument(
         "--fit", action="append", metavar="LIMIT", default=[],
-        help="limit such as flash=256KiB, ram=32KiB, 64KiB (both together) or 10mW; may be "
+        help="limit such as flash=256KiB, ram=32KiB, or 64KiB (both together); may be "
         "repeated; recommends pixels, bits and places per window for each target, or says whether "
         "the design of --map or --design fits",
     )  # fmt: skip
@@ -153,8 +153,8 @@ def run(args: argparse.Namespace) -> None:
     budgets = [search.Budget.parse(text) for text in args.fit]
     if len({budget.quantity for budget in budgets}) < len(budgets):
         raise UsageError(
-            f"--fit {' --fit '.join(args.fit)}: give one limit each of flash, RAM, both together, "
-            "and power"
+            f"--fit {' --fit '.join(args.fit)}: give one limit each of flash, RAM, and both "
+            "together"
         )
     try:
         design, mission, rate_is = workload_of(args)

@@ -21,44 +21,35 @@ from edge_vpr_tools.estimate.model import (
     large_and_small_blocks,
     sizes,
 )
-from edge_vpr_tools.estimate.targets import Spread, Target
+from edge_vpr_tools.estimate.targets import Target
 from firmware_model.design import Design
 from firmware_model.errors import DesignError
 from firmware_model.image import check_limits
 
-# Limits of memory, of power and of a target, and a design that is held against them.
+# Limits of memory and of a target, and a design that is held against them.
 
 
-_UNITS = {
-    "b": ("bytes", 1.0), "kb": ("bytes", 1e3), "mb": ("bytes", 1e6),
-    "kib": ("bytes", 1024.0), "mib": ("bytes", 1024.0**2),
-    "uw": ("watts", 1e-6), "µw": ("watts", 1e-6), "mw": ("watts", 1e-3), "w": ("watts", 1.0),
-}  # fmt: skip
+_UNITS = {"b": 1.0, "kb": 1e3, "mb": 1e6, "kib": 1024.0, "mib": 1024.0**2}
 FIRMWARE_LIMITS = "the firmware's widths"
-POWER = "power unknown"
 
 
 @dataclass(frozen=True)
 class Budget:
-    """An upper limit in bytes of flash, of RAM or of both together, or in watts."""
+    """An upper limit in bytes of flash, of RAM or of both together."""
 
     text: str
-    quantity: str  #: {"flash", "ram", "bytes", "watts"}
+    quantity: str  #: {"flash", "ram", "bytes"}
     limit: float
 
     @classmethod
     def parse(cls, text: str) -> Budget:
-        """Read ``flash=256KiB``, ``ram=32KiB``, ``64KiB`` for both together, or ``10mW``."""
+        """Read ``flash=256KiB``, ``ram=32KiB``, or ``64KiB`` for both together."""
         form = re.fullmatch(
-            r"\s*(?:(flash|ram)=)?(\d+(?:\.\d*)?|\.\d+)\s*([a-zµ]+)\s*", text.lower()
+            r"\s*(?:(flash|ram)=)?(\d+(?:\.\d*)?|\.\d+)\s*([a-z]+)\s*", text.lower()
         )
         if form and form[3] in _UNITS and float(form[2]) > 0:
-            quantity, factor = _UNITS[form[3]]
-            if quantity == "bytes" or not form[1]:
-                return cls(text, form[1] or quantity, float(form[2]) * factor)
-        raise UsageError(
-            f"budget {text!r}: expected memory or power, such as 64KiB, ram=8KiB or 10mW"
-        )
+            return cls(text, form[1] or "bytes", float(form[2]) * _UNITS[form[3]])
+        raise UsageError(f"{text!r}: expected memory, such as 64KiB or ram=8KiB")
 
 
 class DeviceMemory(NamedTuple):
@@ -128,30 +119,13 @@ def _broken_by(
         return f"{of.logic_cells:,} of {target.logic_cells:,} logic cells"
     if slow := of.too_slow(mission.events_per_s):
         return slow
-    over = (_over(budget, of, used, mission) for budget in limits.budgets)
-    return " and ".join(filter(None, over))
-
-
-def power_of(of: Cost, mission: Mission) -> Spread | None:
-    """Return the power of a device; of its work alone where that at rest is unknown."""
-    if of.whole_w is not None or of.per_match_j is None:
-        return of.whole_w
-    return of.per_match_j * mission.matches_per_s
-
-
-def _over(budget: Budget, of: Cost, used: DeviceMemory, mission: Mission) -> str:
-    """Return how a budget is, or may be, exceeded; empty if it is kept."""
     taken = {"flash": used.flash_bytes, "ram": used.ram_bytes, "bytes": used.total}
-    if budget.quantity in taken:
-        number = taken[budget.quantity]
-        return f"{budget.text}: {number:,} bytes" if number > budget.limit else ""
-    # a board that takes more at rest exceeds the budget whatever its work takes
-    if of.whole_w is None and of.idle_w is not None and of.idle_w.low > budget.limit:
-        return f"more than {budget.text} at rest"
-    watts = power_of(of, mission)
-    if watts is None:
-        return POWER
-    return f"{budget.text}: up to {1e3 * watts.high:,.3g} mW" if watts.high > budget.limit else ""
+    over = (
+        f"{budget.text}: {taken[budget.quantity]:,} bytes"
+        for budget in limits.budgets
+        if taken[budget.quantity] > budget.limit
+    )
+    return " and ".join(over)
 
 
 def blocks_of(of: Design, target: Target) -> tuple[str, bool]:

@@ -12,7 +12,6 @@ from edge_vpr_tools.estimate.search import (
     DesignOnTarget,
     Recommendation,
     blocks_of,
-    power_of,
     tried_designs,
 )
 from edge_vpr_tools.estimate.targets import Constant, Spread, Target, constants
@@ -66,12 +65,6 @@ def _energy(of: Cost) -> str:
     return UNKNOWN if of.per_match_j is None else short(1e6 * of.per_match_j.central)
 
 
-def _power(of: DesignOnTarget) -> str:
-    watts = power_of(of.cost, of.mission)
-    rest = "" if of.cost.whole_w else "+?"
-    return UNKNOWN if watts is None else f"{short(1e3 * watts.high)}{rest}"
-
-
 def _per_joule(of: Cost, events_per_s: float) -> str:
     if of.too_slow(events_per_s):
         return SLOW
@@ -122,7 +115,7 @@ def show_design(
     if over:
         text += f" Over its limits: {', '.join(over)}."
     elif budgets:
-        text += f" Within the limits{_but_at_rest(estimates, budgets)}."
+        text += " Within the limits."
     if len(estimates) == 1:
         text += _of_one(next(iter(estimates)), of)
     say(text, width=WIDTH)
@@ -140,14 +133,6 @@ def _energies(estimates: Collection[DesignOnTarget]) -> str:
         f"Energy, also in matches per joule, is of {WORK}; it may be {low:.2g} to {high:.2g} times "
         f"this{unknown} (--sources)."
     )
-
-
-def _but_at_rest(estimates: Mapping[Target, DesignOnTarget], budgets: Sequence[Budget]) -> str:
-    """Return which devices keep a limit of power by their work alone."""
-    names = [target.name for target, of in estimates.items() if of.cost.idle_w is None]
-    if not names or all(budget.quantity != "watts" for budget in budgets):
-        return ""
-    return f", but power at rest is unknown, and whether its limit is kept: {', '.join(names)}"
 
 
 def _of_one(target: Target, of: DesignOnTarget) -> str:
@@ -185,7 +170,6 @@ def show_recommended(
     mission: Mission,
 ) -> None:
     """Print the design that is recommended for each target within the budgets."""
-    power = any(budget.quantity == "watts" for budget in budgets)
     rows: list[list[str]] = []
     limits: list[str] = []
     none: list[str] = []
@@ -201,7 +185,7 @@ def show_recommended(
         rows.append(
             [target.name, str(size.pixels), str(size.code_bits),
              f"{device.design.places:,}, {size.places_per_window}",
-             *_memory(device), _power(device) if power else _energy(device.cost),
+             *_memory(device), _energy(device.cost),
              f"{size.accuracy:.3f}"]
         )  # fmt: skip
         if one.most_correct is not None and one.most_correct != one.best:
@@ -215,8 +199,7 @@ def show_recommended(
     if len(none) == len(recommended):
         _say(not_fitting)
         return
-    last = "mW at\nmost" if power else ENERGY
-    header = ["target", "pixels", "bits", "places,\na window", *MEMORY, last, "correct"]
+    header = ["target", "pixels", "bits", "places,\na window", *MEMORY, ENERGY, "correct"]
     table(header, rows, width=WIDTH)
     text = (
         f"The smallest of {len(tried_designs())} designs within "
@@ -224,13 +207,7 @@ def show_recommended(
         "(of all, to 10 m, on three simulated streets) is within a standard error of the best that "
         "fits; a longer route has more places that look alike. "
     )
-    rate = f"at {mission.events_per_s:,.0f} events/s"
-    if power:
-        text += f"Power is the high end of the model {rate}, without the camera."
-        if any("+?" in row[-2] for row in rows):
-            text += " +?: power at rest is unknown, and so is whether the limit is kept."
-    else:
-        text += f"Energy of a match is modelled, of {WORK}, {rate}."
+    text += f"Energy of a match is modelled, of {WORK}, at {mission.events_per_s:,.0f} events/s."
     if larger:
         text += f" Most correct of those that fit: {'; '.join(larger)}."
     if limits:
