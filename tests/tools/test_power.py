@@ -355,17 +355,6 @@ def test_a_slow_meter_in_quick_windows_has_the_truth_in_its_interval(late):
         analyse(Trace.of_power(when, watts), windows, about)
 
 
-def test_repeated_readings_do_not_narrow_the_interval():
-    """The same measurement, each reading logged once or six times."""
-    widths = []
-    for repeats in (1, 6):
-        windows, time_s, watts = synthetic(np.random.default_rng(3), repeats=repeats)
-        one = analyse(Trace.of_power(time_s, watts), windows, METER)
-        low, high = one.figures.marginal_j_per_match_interval
-        widths.append(high - low)
-    assert widths[1] == pytest.approx(widths[0], rel=0.2)
-
-
 def test_an_interval_needs_five_pairs_and_is_a_point_where_they_agree():
     exact = interval(np.array([1.0, 1.0, 1.0, 1.0, 1.0]))
     assert (exact.low, exact.high) == (1.0, 1.0)
@@ -629,12 +618,6 @@ def test_facts_beside_the_figure_show_what_a_meter_did():
         assert energy.figures.marginal_j_per_match == pytest.approx(JOULES, rel=0.01)
         whole = [w.watts for w in energy.windows if w.load]
         assert np.mean(whole) < 2.49  # which is shown beside the middle half's 2.5
-
-
-def test_a_meter_that_is_too_slow_for_the_periods_is_said_to_be():
-    windows, time_s, watts = synthetic(np.random.default_rng(3), repeats=1, window=2.0, period=1.0)
-    with pytest.raises(SensorError, match="reads every 1 s, and windows are of 2 s: take windows"):
-        analyse(Trace.of_power(time_s, watts), windows, replace(METER, period_s=1.0))
 
 
 PROFILE = ["profile", "--quick", "--window-s", "0.1"]

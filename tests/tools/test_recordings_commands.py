@@ -166,15 +166,6 @@ def test_convert_replaces_only_when_told(tmp_path, capsys):
     assert open_recording(tmp_path / "b.raw").format == "evt2"
 
 
-def test_convert_onto_itself_is_refused_and_keeps_the_recording(tmp_path):
-    write_recording(tmp_path / "a.npz", EVENTS, sensor=SENSOR, start_us=5)
-    with pytest.raises(UsageError, match="is the input"):
-        run("convert", tmp_path / "a.npz", tmp_path / "a.npz", "--overwrite")
-    again = open_recording(tmp_path / "a.npz")
-    assert np.array_equal(join_events(list(again)), EVENTS)
-    assert again.start_us == 5
-
-
 def test_a_terminal_gets_a_bar_and_the_events_all_the_same(tmp_path, monkeypatch):
     class Terminal(io.StringIO):
         def isatty(self):

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import csv
 import os
-import pty
 import re
 import shutil
 import signal
@@ -276,23 +275,6 @@ def test_an_interrupt_ends_a_sweep_at_once_and_keeps_what_is_finished(
     assert "interrupted" in last and all(": trial " in line for line in trials)
     finished = read_lines(out)
     assert 3 <= len(finished) < 1_500
-
-
-def test_a_table_on_a_terminal_is_no_markdown(plan_file, tmp_path):
-    sweep(plan_file, tmp_path / "out.csv")
-    main, other = pty.openpty()
-    words = [sys.executable, "-m", "edge_vpr_tools.cli", "compare", tmp_path / "out.csv"]
-    with subprocess.Popen(words, stdout=other, env={**os.environ, "TERM": "dumb"}) as run:
-        os.close(other)
-        said = b""
-        with suppress(OSError):  # a closed terminal
-            while chunk := os.read(main, 4_096):
-                said += chunk
-    os.close(main)
-    assert run.returncode == 0
-    text = said.decode()
-    assert "run out.csv, drives evening, tolerance 0.2 s, seeds 2" in text.replace("\r\n", " ")
-    assert "pixels=3" in text and "| --- |" not in text
 
 
 @pytest.mark.parametrize("number", [signal.SIGHUP, signal.SIGTERM, signal.SIGKILL])

@@ -15,7 +15,6 @@ from edge_vpr_tools.flags import add_figures_flag, add_gap_flag, add_json_flag, 
 if TYPE_CHECKING:
     from edge_vpr.evaluation.ground_truth import GroundTruth
     from edge_vpr.evaluation.metrics import Evaluation
-    from edge_vpr.matching.matches import Matches
 
 
 EXAMPLES = """\
@@ -99,7 +98,7 @@ def run(args: argparse.Namespace) -> None:
     from edge_vpr.files import read_json
     from edge_vpr.results import json_text, run_record, write_json
     from edge_vpr_tools.report.page import MISSED
-    from edge_vpr_tools.report.traverse import tolerance_table, write_report
+    from edge_vpr_tools.report.traverse import other_figures, tolerance_table, write_report
     from edge_vpr_tools.report.verdict import outcome_of
     from edge_vpr_tools.truth_files import (
         TruthFiles,
@@ -167,40 +166,11 @@ def run(args: argparse.Namespace) -> None:
     )
     if others:
         table(*tolerance_table(by_tolerance), width=_WIDTH)
-    summary(
-        f"{evaluation.queries} of {len(matches)} matches judged, "
-        f"{evaluation.queries_without_place} of them off the map, "
-        f"{evaluation.queries_tied} tied; by {truth.description}"
-    )
-    _print_trust(matches, evaluation)
+    figures = [(name, value) for name, value, _ in other_figures(evaluation)]
+    table(("figure", "value"), figures, width=_WIDTH)
+    summary(f"judged by {truth.description}")
     print_facts(lines)
     summary(
         'R@99P takes its threshold from this truth, "accepted" does not; recall counts a query as '
         f"missed if {MISSED[args.recall_denominator]}; see {folder / results.REPORT}"
     )
-
-
-def _print_trust(matches: Matches, evaluation: Evaluation) -> None:
-    """Print figures on probabilities, rejected matches and queries off the map."""
-    rejection = evaluation.rejection
-    if evaluation.reliability is not None:
-        summary(
-            f"probabilities are off by {evaluation.reliability.expected_calibration_error:.3f} on "
-            "average (expected calibration error)"
-        )
-    if rejection.accepted is not None:
-        precision, recall = (
-            "-" if value is None else f"{value:.3f}"
-            for value in (rejection.precision, rejection.recall)
-        )
-        summary(
-            f"--precision {matches.settings.precision}: {rejection.accepted} of "
-            f"{evaluation.queries} matches accepted, precision {precision}, recall {recall} of "
-            "those on the map"
-        )
-    if rejection.off_map_auroc is not None:
-        summary(
-            f"off the map: AUROC of the trust {rejection.off_map_auroc:.3f}; "
-            f"{rejection.right_on_map:.3f} of the queries on the map are correct, "
-            f"{rejection.found_at_99_precision:.3f} of them at 99 % precision over all queries"
-        )

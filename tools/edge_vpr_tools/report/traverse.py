@@ -238,6 +238,13 @@ def _figures_of(evaluation: Evaluation) -> list[tuple[str, str, str]]:
          "area under the precision-recall curve, as a sum of steps"),
         *((f"Recall@{n}", f"{recall:.3f}", f"a correct place is among the {n} {ranked}")
           for n, recall in evaluation.recall_at.items()),
+        *other_figures(evaluation),
+    ]  # fmt: skip
+
+
+def other_figures(evaluation: Evaluation) -> list[tuple[str, str, str]]:
+    """Return figures on probabilities, and on which queries were judged."""
+    return [
         *_trust_figures(evaluation),
         ("queries", f"{evaluation.queries}", "number of queries evaluated"),
         ("unknown", f"{evaluation.queries_unknown}",
