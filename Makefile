@@ -13,7 +13,7 @@ demo: $(call STAMP,run)
 
 # programs that tests run, from Debian and by root; a test without its program is skipped and says so
 TOOLS := make gcc g++ cmake gcc-arm-none-eabi gcc-avr avr-libc simavr qemu-system-arm iverilog verilator yosys \
-         nextpnr-ice40 fpga-icestorm frama-c-base cppcheck mosquitto mosquitto-clients openssl chromium shellcheck systemd udev zsh fish
+         nextpnr-ice40 fpga-icestorm frama-c-base cppcheck mosquitto mosquitto-clients openssl chromium shellcheck systemd udev
 APT := apt-get -q -o Acquire::Retries=2 -o Acquire::http::Timeout=30 -o DPkg::Lock::Timeout=300
 
 # one that apt does not know or cannot reach is named, and does not keep the others away

@@ -553,46 +553,6 @@ def test_results_are_shown_in_one_short_line(drive):
     assert repr(evaluation) == "Evaluation(18 queries, P@100R 1.000, R@99P 1.000)"
 
 
-COMPLETED = {
-    "bash": (
-        'eval "$(register-python-argcomplete edge-vpr)"\n'
-        "COMP_LINE='edge-vpr match --onl' COMP_POINT=20 COMP_TYPE=9 COMP_CWORD=2\n"
-        "COMP_WORDS=(edge-vpr match --onl)\n"
-        '_python_argcomplete edge-vpr --onl match\necho "${COMPREPLY[@]}"'
-    ),
-    "zsh": (
-        "compdef() { : }\n"  # outside the line editor there is nothing to add to
-        "is-at-least() { return 0 }\n"
-        "_describe() { print -l -- ${(P)2} }\n"
-        'eval "$(register-python-argcomplete edge-vpr)"\n'
-        "words=(edge-vpr match --onl) BUFFER='edge-vpr match --onl' CURSOR=20\n"
-        "_python_argcomplete"
-    ),
-    "fish": (
-        "register-python-argcomplete -s fish edge-vpr | source\ncomplete -C 'edge-vpr match --onl'"
-    ),
-}
-
-
-@pytest.mark.parametrize("shell", COMPLETED)
-def test_a_real_shell_completes(tmp_path, shell):
-    """By the script that argcomplete prints, with the program found on the path."""
-    if shutil.which(shell) is None:
-        pytest.skip(f"{shell} is not installed")
-    program = tmp_path / "edge-vpr"
-    program.write_text(f'#!/bin/sh\nexec {sys.executable} -m edge_vpr_tools.cli "$@"\n')
-    program.chmod(0o755)
-    path = f"{tmp_path}:{Path(sys.executable).parent}:{os.environ['PATH']}"
-    environment = os.environ | {"PATH": path, "HOME": str(tmp_path)}
-    run = subprocess.run(
-        [shell, "-c", COMPLETED[shell]],
-        env=environment, capture_output=True, text=True, check=False,
-    )  # fmt: skip
-    # zsh and fish show the help beside it
-    assert re.split(r"[\s:]", run.stdout)[0] == "--online", run.stderr
-    assert run.stdout.count("--") == 1
-
-
 def test_a_message_names_arguments_in_python_and_flags_on_the_command_line(tmp_path, capsys):
     drive = tmp_path / "start=3 drive.csv"
     drive.write_text("t,x,y,p\n5,0,0,1\n1,0,0,1\n9,0,0,1\n")

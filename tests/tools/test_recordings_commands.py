@@ -75,25 +75,6 @@ def test_info_of_a_single_event_has_no_rate(tmp_path, capsys):
     assert "rate      -" in capsys.readouterr().out
 
 
-def test_info_says_what_count_frames_hold_that_do_not_state_their_duration(tmp_path, capsys):
-    counts = np.arange(5 * 4 * 6).reshape(5, 4, 6)
-    np.savez(tmp_path / "a.npz", frames=counts)
-    np.save(tmp_path / "b.npy", counts)
-    np.savez(tmp_path / "c.npz", counts=counts.reshape(5, 24))  # of unknown pixels
-    (tmp_path / "d").mkdir()
-    for i, frame in enumerate(counts):
-        np.save(tmp_path / "d" / f"frame_{i}.npy", frame)
-    for name, sensor in (("a.npz", "6x4"), ("b.npy", "6x4"), ("c.npz", None), ("d", "6x4")):
-        run("info", tmp_path / name, "--json")
-        facts = json.loads(capsys.readouterr().out)
-        assert (facts["sensor"], facts["frames"], facts["pixels"]) == (sensor, 5, 24)
-        assert (facts["events"], facts["most"]) == (counts.sum(), 119)
-        run("info", tmp_path / name)
-        assert "5 of 24 pixels" in capsys.readouterr().out
-    run("info", tmp_path / "a.npz", "--frame-period", "1/10", "--json")
-    assert json.loads(capsys.readouterr().out)["events"] == counts.sum()
-
-
 def test_info_says_what_a_map_holds(tmp_path, capsys):
     drive = random_events(np.random.default_rng(0), 20_000, SENSOR, 20_000_000)
     write_recording(tmp_path / "a.npz", drive, sensor=SENSOR)

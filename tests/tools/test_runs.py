@@ -7,7 +7,6 @@ import os
 import subprocess
 import sys
 import time
-from collections import Counter
 from pathlib import Path
 
 import numba
@@ -20,13 +19,9 @@ from edge_vpr_tools.truth_files import TruthFiles
 from numba.core import event
 
 from edge_vpr.compile_report import COMPILING
-from edge_vpr.descriptors import cleaning, counting
-from edge_vpr.events import join_events
-from edge_vpr.live.protocols import open_encoder, timestamps
 from edge_vpr.map_making import describe_query
 from edge_vpr.match_result import MatchResult
 from edge_vpr.matching.drive import match_query
-from edge_vpr.online import localiser
 from edge_vpr.recordings import open_recording
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.results import to_json
@@ -109,58 +104,6 @@ def test_times_are_without_compilation(drive, monkeypatch):  # noqa: F811
         monkeypatch.setattr(f"edge_vpr.match_result.{original.__name__}", patched)
     metrics = ReferenceMap.load(drive / "map.npz").match(drive / "query.npz").metrics
     assert (metrics.counting_s, metrics.matching_s, now) == (3.0, 5.0, 208.0)
-
-
-def test_a_warm_process_passes_no_synthetic_event_through_a_kernel(
-    drive,  # noqa: F811
-    tmp_path,
-    monkeypatch,
-):
-    """Each kernel of a second run is called with the events of the recording alone."""
-    if numba.config.DISABLE_JIT:
-        pytest.skip("nothing is compiled")
-    recording = open_recording(drive / "query.npz")
-    events = join_events(list(recording))
-    encoder = open_encoder("evt2", recording.sensor)
-    (tmp_path / "sent.bin").write_bytes(encoder.start() + encoder.encode(events))
-    inputs = f"{drive}/map.npz {drive}/query.npz"
-    commands = {
-        f"map {drive}/query.npz -o {tmp_path}/map.npz --overwrite --tau 100ms": {
-            "_newest_slots",
-            "count_pixels",
-        },
-        f"match {inputs} -o {tmp_path}/run --overwrite --no-figures": {
-            "_newest_slots",
-            "count_slots",
-        },
-        f"stream --port {tmp_path}/sent.bin --protocol evt2 --map {drive}/map.npz": {
-            "_newest_slots",
-            "admit_columns",
-            "process_events",
-        },
-    }
-    for words in commands:
-        assert main(words.split()) == 0
-    passed = Counter()
-
-    def counted(module, name, column):
-        kernel = getattr(module, name)
-
-        def call(*args):
-            passed[name] += len(args[column])
-            return kernel(*args)
-
-        monkeypatch.setattr(module, name, call)
-
-    counted(cleaning, "_newest_slots", 0)
-    counted(counting, "count_pixels", 0)
-    counted(counting, "count_slots", 2)
-    counted(timestamps, "admit_columns", 1)
-    counted(localiser, "process_events", 1)
-    for words, kernels in commands.items():
-        passed.clear()
-        assert main(words.split()) == 0
-        assert passed == dict.fromkeys(kernels, len(events))
 
 
 @pytest.mark.slow

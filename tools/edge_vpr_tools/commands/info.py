@@ -1,19 +1,17 @@
-"""`edge-vpr info`: show what a recording, count frames or a map hold, including faults."""
+"""`edge-vpr info`: show what a recording or a map holds, including faults."""
 
 from __future__ import annotations
 
 import argparse
-from contextlib import suppress
 from dataclasses import asdict, dataclass, field, replace
-from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
-from edge_vpr.errors import EdgeVprError, RecordingError, UsageError
+from edge_vpr.errors import RecordingError, UsageError
 from edge_vpr_tools.console import print_facts, summary
 from edge_vpr_tools.flags import add_reading_arguments, add_track_offset_flag
 
 if TYPE_CHECKING:
-    from edge_vpr.recordings import CountFrames, Faults, Recording
+    from edge_vpr.recordings import Faults, Recording
 
 
 EXAMPLES = """\
@@ -103,57 +101,6 @@ def summarise(recording: Recording) -> RecordingSummary:
     )
 
 
-@dataclass(frozen=True)
-class FrameSummary:
-    """Contents of count frames that do not state their duration or pixels."""
-
-    path: str
-    format: str
-    sensor: str | None
-    frames: int
-    pixels: int  #: Of a frame.
-    events: int  #: Sum of all counts.
-    most: int  #: The highest count.
-
-    @classmethod
-    def of(cls, frames: CountFrames) -> FrameSummary:
-        """Count the frames in one pass."""
-        events = most = 0
-        for block in frames.blocks():
-            events += int(block.sum(dtype="u8"))
-            most = max(most, int(block.max(initial=0)))
-        sensor = None if frames.sensor is None else str(frames.sensor)
-        return cls(
-            str(frames.path), "frames", sensor, frames.n_frames, frames.n_pixels, events, most
-        )
-
-    @property
-    def lines(self) -> dict[str, str]:
-        """Lines of text by their headings."""
-        return {
-            "format": "frames (count frames)",
-            "sensor": self.sensor or "not stated: --sensor WxH",
-            "frames": f"{self.frames:,} of {self.pixels:,} pixels",
-            "duration": "not stated: --frame-period S, in seconds a frame",
-            "events": f"{self.events:,}, up to {self.most:,} of a pixel in a frame",
-        }
-
-
-def _count_frames(args: argparse.Namespace) -> CountFrames | None:
-    """Return count frames that do not state what they need to be read as events."""
-    from edge_vpr.recordings import read_count_frames, sniff
-
-    format_name = args.format
-    if format_name is None:
-        with suppress(EdgeVprError):  # opening it as a recording reports the fault
-            format_name = sniff(Path(args.recording))
-    if format_name != "frames":
-        return None
-    frames = read_count_frames(args.recording)
-    stated = (frames.period or args.frame_period) and (frames.sensor or args.sensor)
-    return None if stated and frames.pixel_x is not None else frames
-
-
 def run(args: argparse.Namespace) -> None:
     """Read the whole file once and print what it holds."""
     from edge_vpr.archive import archive_kind
@@ -164,22 +111,15 @@ def run(args: argparse.Namespace) -> None:
     from edge_vpr.results import json_text
     from edge_vpr_tools.inputs import open_from, tracked
 
-    held: dict[str, Any] | None = None
-    lines: dict[str, str] = {}
     if archive_kind(args.recording) == KIND:
         info = ReferenceMap.load(args.recording).info()
-        held = {"path": args.recording, "format": "map", **asdict(info)}
         lines = {"format": "map (reference map of edge-vpr)", **info.lines}
-    elif (frames := _count_frames(args)) is not None:
-        counted = FrameSummary.of(frames)
-        held, lines = asdict(counted), counted.lines
-    if held is not None:
         if args.track is not None:
             raise UsageError(
                 f"--track is of a recording, and {args.recording} is none: leave it out"
             )
         if args.json:
-            print(json_text(held))
+            print(json_text({"path": args.recording, "format": "map", **asdict(info)}))
             return
         for name, text in lines.items():
             summary(f"{name:<9} {text}")
