@@ -7,7 +7,6 @@ import json
 import os
 import re
 import shlex
-import shutil
 import signal
 import subprocess
 import sys
@@ -430,25 +429,6 @@ def test_names_of_outputs_reach_no_terminal_raw(drive, tmp_path, capsys):
     assert raw == []
     assert r"a\x1b[2J\n[bold]/m\x07.npz: 19 places" in out
     assert r"r\x9b/report.html" in out and r"[/red]\x1b[0m" in out
-
-
-@pytest.mark.skipif(shutil.which("bash") is None, reason="bash is not installed")
-@pytest.mark.parametrize(
-    "name", [b"a b", b"caf\xe9 'n\\o", b"\xff\n[bold]$(id)", "\u202e".encode()]
-)
-def test_a_name_in_a_command_to_copy_is_that_name_in_a_shell(drive, tmp_path, capsys, name):
-    """Also one that is no UTF-8, or cannot be printed."""
-    folder = tmp_path / os.fsdecode(name)
-    if not (drive / "map.npz").exists():
-        made = ["map", str(drive / "drive.npz"), "-o", str(drive / "map.npz"), *SMALL]
-        assert cli.main(made) == 0
-    words = ["match", str(drive / "map.npz"), str(drive / "drive.npz"), "-o", str(folder)]
-    assert cli.main(words) == 0
-    said = capsys.readouterr().out
-    (word,) = re.findall(r"^see .*: edge-vpr evaluate (.*) --ground-truth MAP", said, re.MULTILINE)
-    assert word.isprintable()
-    shown = subprocess.run(["bash", "-c", f"printf %s {word}"], capture_output=True, check=True)
-    assert shown.stdout == os.fsencode(folder)
 
 
 @pytest.mark.parametrize("words", [["info", "NAME.npz"], ["map", "a.npz", "-o", "NAME.npz"]])

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import re
 import signal
 import sys
@@ -10,7 +9,6 @@ import threading
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from enum import IntEnum
-from shlex import quote
 from types import FrameType
 from typing import TYPE_CHECKING
 
@@ -161,22 +159,6 @@ def warning(text: str) -> None:
 def error_line(text: str) -> None:
     """Print a line on standard error."""
     print("edge-vpr:", printable(in_flags(text)), file=sys.stderr, flush=True)
-
-
-def shell_word(path: str | Path) -> str:
-    r"""Return a file's name as a word to copy into bash or zsh, whatever its bytes are.
-
-    Examples
-    --------
-    >>> print(shell_word("results"), shell_word("my results"), shell_word("caf\udce9"))
-    results 'my results' $'caf\xe9'
-    """
-    text = str(path)
-    if text.isprintable():
-        return quote(text)
-    plain = set(range(0x20, 0x7F)) - set(b"'\\")
-    body = "".join(chr(byte) if byte in plain else rf"\x{byte:02x}" for byte in os.fsencode(text))
-    return f"$'{body}'"
 
 
 def number_of(count: int, word: str) -> str:

@@ -5,10 +5,11 @@ from __future__ import annotations
 import argparse
 from dataclasses import replace
 from pathlib import Path
+from shlex import quote
 from typing import TYPE_CHECKING, NamedTuple
 
 from edge_vpr.errors import UsageError
-from edge_vpr_tools.console import note, shell_word, summary
+from edge_vpr_tools.console import note, summary
 from edge_vpr_tools.flags import add_output_flags
 
 if TYPE_CHECKING:
@@ -94,7 +95,7 @@ def run(args: argparse.Namespace) -> None:
     files = evaluated_truth(folder)
     if files is None:
         raise UsageError(
-            f"{folder} was not evaluated: run edge-vpr evaluate {shell_word(folder)} first"
+            f"{folder} was not evaluated: run edge-vpr evaluate {quote(str(folder))} first"
         )
     if args.output is not None:
         check_new_map(output, [folder, *files.files], args.overwrite)

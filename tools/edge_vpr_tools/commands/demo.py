@@ -5,10 +5,11 @@ from __future__ import annotations
 import argparse
 from functools import partial
 from pathlib import Path
+from shlex import quote
 from typing import TYPE_CHECKING, Any
 
 from edge_vpr_tools.cli import VerbParser, command_of
-from edge_vpr_tools.console import Verbosity, say, shell_word, status, table, verbosity
+from edge_vpr_tools.console import Verbosity, say, status, table, verbosity
 from edge_vpr_tools.flags import add_output_flags
 
 if TYPE_CHECKING:
@@ -88,7 +89,7 @@ def run(args: argparse.Namespace) -> None:
         f"precision, by a threshold that the truth chose; correct is within {_TOLERANCE_M:g} m.",
         f"{outcome_of(result.reference, result.matches, judged).sentence()}",
         "One street of one seed; docs/results/simulated.csv has ten variants on five.",
-        f"See {output / results.REPORT}; as a film: edge-vpr replay {shell_word(output)} "
+        f"See {output / results.REPORT}; as a film: edge-vpr replay {quote(str(output))} "
         "-o match.gif",
     ):
         say(line, width=_WIDTH, markup=True)

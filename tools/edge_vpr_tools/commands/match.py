@@ -5,12 +5,12 @@ from __future__ import annotations
 import argparse
 from collections.abc import Iterable
 from pathlib import Path
+from shlex import quote
 from typing import TYPE_CHECKING
 
 from edge_vpr.errors import MapError, UsageError
 from edge_vpr_tools.console import (
     detail_settings,
-    shell_word,
     summary,
     warn_of_bursts,
     warn_of_few_places,
@@ -182,7 +182,7 @@ def run(args: argparse.Namespace) -> None:
     if not args.no_figures:
         summary(
             f"see {output / results.REPORT}; next, compare with the truth: "
-            f"edge-vpr evaluate {shell_word(output)} --ground-truth MAP_TRACK QUERY_TRACK "
+            f"edge-vpr evaluate {quote(str(output))} --ground-truth MAP_TRACK QUERY_TRACK "
             "--tolerance METRES"
         )
 
