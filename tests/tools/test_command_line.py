@@ -304,6 +304,11 @@ class Late:
         signal.raise_signal(signal.SIGINT)
 
 def run(argv):
+    if sys.argv[1:]:
+        try:
+            signal.raise_signal(signal.SIGINT)
+        except KeyboardInterrupt:
+            raise TypeError("of a library")
     Late()
     time.sleep(60)
 
@@ -313,9 +318,10 @@ sys.exit(cli.main(["info"]))
 """
 
 
-def test_an_interrupt_in_a_callback_is_not_lost():
-    """As while kernels are loaded: Python prints such errors and goes on."""
-    words = [sys.executable, "-c", INTERRUPTED_IN_A_CALLBACK]
+@pytest.mark.parametrize("more", [[], ["of a library"]])
+def test_an_interrupt_in_a_callback_or_that_a_library_turns_into_an_error_is_one(more):
+    """As while kernels are loaded: Python prints errors of callbacks and goes on."""
+    words = [sys.executable, "-c", INTERRUPTED_IN_A_CALLBACK, *more]
     done = subprocess.run(words, capture_output=True, text=True, timeout=30)
     assert done.returncode == cli.EXIT_INTERRUPTED
     assert done.stderr == "edge-vpr: interrupted; no incomplete file was left\n"

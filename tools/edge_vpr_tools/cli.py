@@ -16,7 +16,7 @@ import traceback
 import warnings
 from collections.abc import Collection, Sequence
 from pathlib import Path
-from types import ModuleType
+from types import FrameType, ModuleType
 from typing import Any, NoReturn
 
 from edge_vpr import __version__
@@ -265,10 +265,19 @@ def main(argv: Sequence[str] | None = None) -> int:
         gc.set_threshold(20_000)
         atexit.register(gc.freeze)
     _prepare_streams()
+    interrupts: list[int] = []
+
+    def interrupt(number: int, frame: FrameType | None) -> None:
+        interrupts.append(number)
+        raise KeyboardInterrupt
+
+    caught = [signal.SIGALRM]
+    if signal.getsignal(signal.SIGINT) is signal.default_int_handler:  # and not ignored
+        caught.append(signal.SIGINT)
     try:
         if "_ARGCOMPLETE" in os.environ:
             complete()
-        with handled([signal.SIGALRM], signal.default_int_handler), warnings.catch_warnings():
+        with handled(caught, interrupt), warnings.catch_warnings():
             warnings.simplefilter("always", EdgeVprWarning)
             warnings.showwarning = lambda message, *_: warning(str(message))
             hook, sys.unraisablehook = sys.unraisablehook, _interrupt_again
@@ -279,8 +288,7 @@ def main(argv: Sequence[str] | None = None) -> int:
                 signal.setitimer(signal.ITIMER_REAL, 0)
         sys.stdout.flush()
     except KeyboardInterrupt:
-        error_line("interrupted; no incomplete file was left")
-        return EXIT_INTERRUPTED
+        return _interrupted()
     except BrokenPipeError:
         # the program that reads our output has closed the pipe, for example `head`
         sys.stderr.close()
@@ -288,8 +296,14 @@ def main(argv: Sequence[str] | None = None) -> int:
     except Exception as error:
         if "--debug" in argv:
             traceback.print_exc()
-        return _report(error)
+        # a library can make another error of an interrupt
+        return _interrupted() if interrupts else _report(error)
     return 0
+
+
+def _interrupted() -> int:
+    error_line("interrupted; no incomplete file was left")
+    return EXIT_INTERRUPTED
 
 
 def _prepare_streams() -> None:
