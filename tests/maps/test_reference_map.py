@@ -203,9 +203,6 @@ def test_a_saved_result_is_read_by_the_commands(folder, route, tmp_path, capsys)
         assert main(words) == 0
         shown = f"P@100R {result.evaluate(truth, 1.5).precision_at_100_recall:.3f}"
         assert shown in capsys.readouterr().out
-    assert main(["compare", str(tmp_path / "windows"), str(tmp_path / "events")]) == 0
-    shown = capsys.readouterr().out
-    assert "│ windows │" in shown and "│ events  │" in shown
 
 
 def test_matching_settings_are_keywords_and_others_are_refused(folder, route):
