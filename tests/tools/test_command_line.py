@@ -26,7 +26,6 @@ from edge_vpr_tools.cli import (
     takes_value,
 )
 from edge_vpr_tools.console import Verbosity, in_flags, verbosity
-from lab.intensity import open_intensity
 
 import edge_vpr
 from edge_vpr import errors
@@ -407,9 +406,7 @@ def test_a_recording_is_a_file_or_a_folder(tmp_path, capsys, kind):
     for read in (
         lambda: open_recording(path, sensor=SENSOR, format="evt3"),
         lambda: open_recording(path),
-        lambda: open_intensity(path),
         lambda: open_recording(bag),
-        lambda: open_intensity(bag),
     ):
         with pytest.raises(EdgeVprError, match="is neither a file nor a folder: "):
             read()
