@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from lab.experiments.mount_shift import CountedWindows
 from lab.registration import (
     SEQUENCE,
     estimate_shift,
@@ -14,13 +15,11 @@ from lab.registration import (
     register,
 )
 
-from edge_vpr.descriptors.windows import WindowCounts
-from edge_vpr.errors import MapError, UsageError
-from edge_vpr.events import Sensor, make_events
+from edge_vpr.errors import UsageError
+from edge_vpr.events import Sensor
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.settings import PRESETS, Settings
 from tests import naive
-from tests.streams import Drive, random_events
 
 SENSOR = Sensor(32, 24)
 TAU = 1_000_000
@@ -29,19 +28,6 @@ CHOSEN = Settings(
     remove_hot_pixels=False,
 )  # fmt: skip
 WINDOWS = 24
-
-
-class Counted:
-    """Counts of whole windows, shape (n, height, width), as a recording."""
-
-    def __init__(self, images, counted=None) -> None:
-        self.sensor, self.window_us, self._images = SENSOR, TAU, images
-        self.counted = np.ones(images.shape[1:], np.bool_) if counted is None else counted
-
-    def windows(self):
-        for k, image in enumerate(self._images):
-            counts = image.astype(np.int64).ravel()
-            yield WindowCounts(counts, k * TAU, (k + 1) * TAU, int(counts.sum()))
 
 
 def scenes(rng, places=WINDOWS):
@@ -55,6 +41,10 @@ def seen(world, dx, dy):
     return world[:, 6 - dy : 6 - dy + SENSOR.height, 6 - dx : 6 - dx + SENSOR.width]
 
 
+def mapped_with(chosen, images):
+    return ReferenceMap.build(CountedWindows(images, TAU), chosen)
+
+
 @pytest.mark.parametrize("shift", [(0, 0), (1, 0), (-2, 3), (3, -3)])
 @pytest.mark.parametrize("changes", [{}, {"counter_code": "log", "counter_scaling": "own-mean",
                                           "matching": "filter"}])  # fmt: skip
@@ -62,14 +52,11 @@ def test_the_shift_is_found_and_the_matches_are_as_without_it(shift, changes):
     rng = np.random.default_rng(3)
     world = scenes(rng)
     chosen = CHOSEN.replaced(changes, "test")
-    mapped = ReferenceMap.build(Counted(seen(world, 0, 0)), chosen)
-    query = Counted(seen(world + rng.integers(0, 3, world.shape), *shift))
-    moved, registration = register(mapped, query)
-    assert (registration.dx, registration.dy) == shift and (moved is mapped) == (shift == (0, 0))
-    assert (
-        registration.windows == WINDOWS and registration.likeness >= registration.likeness_unmoved
-    )
-    matches = moved.match(query).matches
+    mapped = mapped_with(chosen, seen(world, 0, 0))
+    images = seen(world + rng.integers(0, 3, world.shape), *shift)
+    moved, *found = register(mapped, images)
+    assert tuple(found) == shift and (moved is mapped) == (shift == (0, 0))
+    matches = moved.match(CountedWindows(images, TAU)).matches
     off = np.abs(matches.place.astype(np.int64) - matches.query)
     assert off.max() <= 1 and (off == 0).mean() > 0.9
 
@@ -77,7 +64,7 @@ def test_the_shift_is_found_and_the_matches_are_as_without_it(shift, changes):
 def test_the_likeness_is_the_oracles_to_the_bit():
     rng = np.random.default_rng(4)
     world = scenes(rng, 18)
-    mapped = ReferenceMap.build(Counted(seen(world, 0, 0)), CHOSEN)
+    mapped = mapped_with(CHOSEN, seen(world, 0, 0))
     images = seen(world + rng.integers(0, 9, world.shape), 2, 1)
     images[:, 3, 4] = 0  # a pixel that never fires
     dx, dy, likeness, unmoved = estimate_shift(mapped, images)
@@ -96,55 +83,24 @@ def test_the_likeness_is_the_oracles_to_the_bit():
 
 def test_a_shift_that_is_not_clear_moves_nothing():
     rng = np.random.default_rng(5)
-    mapped = ReferenceMap.build(Counted(seen(scenes(rng), 0, 0)), CHOSEN)
-    moved, registration = register(mapped, Counted(seen(scenes(rng), 0, 0)))  # another world
-    assert moved is mapped and (registration.dx, registration.dy) == (0, 0)
+    mapped = mapped_with(CHOSEN, seen(scenes(rng), 0, 0))
+    moved, dx, dy = register(mapped, seen(scenes(rng), 0, 0))  # another world
+    assert moved is mapped and (dx, dy) == (0, 0)
 
 
 def test_what_belongs_to_the_pixels_of_the_sensor_does_not_hold_the_map_back():
     """A camera's own pattern stays where it is when the mounting moves."""
     rng = np.random.default_rng(6)
     world, pattern = scenes(rng), rng.integers(0, 60, (SENSOR.height, SENSOR.width))
-    mapped = ReferenceMap.build(Counted(seen(world, 0, 0) + pattern), CHOSEN)
-    _, registration = register(mapped, Counted(seen(world, 2, -1) + pattern))
-    assert (registration.dx, registration.dy) == (2, -1)
-
-
-@pytest.mark.parametrize("window", ["time", "count"])
-def test_events_are_registered_too(window):
-    rng = np.random.default_rng(7)
-    world = scenes(rng, 30)
-    chosen = CHOSEN.replaced({"window": window}, "test")
-    mapped = ReferenceMap.build(drive(rng, seen(world, 0, 0)), chosen)
-    query = drive(rng, seen(world, -2, 1))
-    moved, registration = register(mapped, query)
-    assert (registration.dx, registration.dy) == (-2, 1)
-    kept = moved.places
-    if window == "count":
-        # windows of this world are as long as in the reference, which has other pixels
-        wanted, of_map = kept.counts.sum() / len(kept), moved.settings.events_per_window
-        assert abs(of_map - wanted) <= 1
-    else:
-        matches = moved.match(query).matches
-        assert (np.abs(matches.place.astype(int) - matches.query) <= 1).mean() > 0.9
-    assert (
-        np.abs(kept.selected_events - kept.counts.sum(axis=1)).max()
-        < 0.2 * kept.selected_events.mean()
-    )
-
-
-def drive(rng, images):
-    """Events that count to these images, at random moments of each window."""
-    k, y, x = (np.repeat(i.ravel(), images.ravel()) for i in np.indices(images.shape))
-    t = k * TAU + TAU // 1_000 * rng.integers(0, 1_000, k.size)
-    order = np.argsort(t, kind="stable")
-    return Drive(make_events(t[order], x[order], y[order], rng.integers(0, 2, k.size)), SENSOR)
+    mapped = mapped_with(CHOSEN, seen(world, 0, 0) + pattern)
+    _, dx, dy = register(mapped, seen(world, 2, -1) + pattern)
+    assert (dx, dy) == (2, -1)
 
 
 def test_pixels_off_the_sensor_and_on_hot_pixels_are_dropped():
     rng = np.random.default_rng(8)
     chosen = CHOSEN.replaced({"counter_code": "log"}, "test")
-    mapped = ReferenceMap.build(drive(rng, seen(scenes(rng), 0, 0)), chosen)
+    mapped = mapped_with(chosen, seen(scenes(rng), 0, 0))
     x, y = mapped.pixel_map.x.astype(int), mapped.pixel_map.y.astype(int)
     first = int(np.flatnonzero((x < 29) & (y < 24 - 2))[0])
     hot = mapped.hot.copy()
@@ -164,31 +120,20 @@ def test_pixels_off_the_sensor_and_on_hot_pixels_are_dropped():
 def test_a_map_of_several_drives_is_moved_with_its_learnt_means():
     """What is stored for each counter goes with its pixel, and the moved map can learn further."""
     rng = np.random.default_rng(9)
-    images = seen(scenes(rng), 0, 0)
-    worlds = [drive(rng, images) for _ in range(2)]
+    world = CountedWindows(seen(scenes(rng), 0, 0), TAU)
     chosen = PRESETS["default"].replaced({"tau_us": TAU, "pixels": 60, "remove_bursts": False}, "t")
-    mapped = ReferenceMap.build(worlds[0], chosen).update(worlds[1]).reference
+    mapped = ReferenceMap.build(world, chosen).update(world).reference
     moved = moved_map(mapped, 3, 0)
     kept = mapped.pixel_map.x.astype(int) + 3 < SENSOR.width
     assert 0 < kept.sum() < kept.size
     assert np.array_equal(moved.learnt_mean, mapped.learnt_mean[:, kept])
     assert np.array_equal(moved.mean, mapped.mean[kept])
-    assert len(moved.match(worlds[0]).matches)
+    assert len(moved.match(world).matches)
 
 
-def test_what_cannot_be_registered_is_refused_with_a_remedy():
+def test_a_map_of_too_few_pixels_is_not_registered():
     rng = np.random.default_rng(9)
-    world = scenes(rng)
-    mapped = ReferenceMap.build(Counted(seen(world, 0, 0)), CHOSEN)
-    with pytest.raises(UsageError, match=r"15 windows, too few.*leave registration out"):
-        register(mapped, Counted(seen(world, 0, 0)[:15]))
-    partly = np.ones((SENSOR.height, SENSOR.width), np.bool_)
-    partly[0, 0] = False
-    with pytest.raises(UsageError, match=r"1 pixels were not counted.*leave registration out"):
-        register(mapped, Counted(seen(world, 0, 0), partly))
-    few = ReferenceMap.build(Counted(seen(world, 0, 0)), CHOSEN.replaced({"pixels": 3}, "test"))
+    images = seen(scenes(rng), 0, 0)
+    few = mapped_with(CHOSEN.replaced({"pixels": 3}, "test"), images)
     with pytest.raises(UsageError, match="of the map's 3 pixels lie 3 or more from the border"):
-        register(few, Counted(seen(world, 0, 0)))
-    other = Drive(random_events(rng, 10, Sensor(5, 5), 100), Sensor(5, 5))
-    with pytest.raises(MapError, match="5x5"):
-        register(mapped, other)
+        register(few, images)

@@ -15,7 +15,7 @@ from lab.__main__ import main
 from lab.baselines import filter_distances, open_baseline
 from lab.baselines.selected_pixels import SelectedPixels
 from lab.experiments import frames, mount_shift, pixel_number, place_filter, rivals, sensitivity
-from lab.experiments.mount_shift import ShiftedWindows, shifted
+from lab.experiments.mount_shift import CountedWindows, shifted
 from lab.loop import Draw, Drives
 from lab.pairs import INNER, CountedDrive, CountedPair, Kept, Pair
 
@@ -189,7 +189,7 @@ def test_the_default_among_rivals_is_the_default_of_a_map():
     """The row's matches are those of `ReferenceMap.match` on the same windows."""
     pair = contest()
     (ours, *_) = rivals.our_systems(pair, 0)
-    windows = [ShiftedWindows(drive.images, TAU) for drive in (pair.reference, pair.query)]
+    windows = [CountedWindows(drive.images, TAU) for drive in (pair.reference, pair.query)]
     settings = PRESETS["default"].replaced({"seed": 0, "precision": 0.99}, "test")
     chosen = SelectedPixels("default", settings)
     chosen.prepare(pair.reference.images)
@@ -268,7 +268,7 @@ def test_counts_at_a_few_pixels_are_kept_where_all_others_never_fire(published):
     images = [drive[:, ::8, ::8].repeat(8, axis=1).repeat(8, axis=2) for drive in drives()]
     few = np.zeros(images[0].shape[1:], dtype=np.bool_)
     few[::8, ::8] = True
-    counted = [ShiftedWindows(np.where(few, drive, 0), TAU) for drive in images]
+    counted = [CountedWindows(np.where(few, drive, 0), TAU) for drive in images]
     for drive in counted if published else ():
         drive.counted = few
     pair = Pair("drives", *counted, SETTINGS, TRUTHS).counted()
@@ -279,7 +279,7 @@ def test_counts_at_a_few_pixels_are_kept_where_all_others_never_fire(published):
 
 def test_a_system_that_does_not_fit_a_sensor_is_left_out():
     """The released code draws 100 pixels, each 7 pixels apart."""
-    images = [ShiftedWindows(drive[:, :32, :32], TAU) for drive in drives()]
+    images = [CountedWindows(drive[:, :32, :32], TAU) for drive in drives()]
     pair = Pair("drives", *images, SETTINGS, TRUTHS).counted()
     names = ("seed-code", "all-pixels")
     systems = [(name, open_baseline(name)) for name in names]
@@ -289,15 +289,15 @@ def test_a_system_that_does_not_fit_a_sensor_is_left_out():
 
 
 def test_an_image_is_shifted_and_what_leaves_is_lost():
-    image = np.arange(12).reshape(3, 4)
+    image = np.arange(12).reshape(1, 3, 4)
     moved = shifted(image, 1, -2)
-    assert moved.tolist() == [[0, 8, 9, 10], [0, 0, 0, 0], [0, 0, 0, 0]]
+    assert moved.tolist() == [[[0, 8, 9, 10], [0, 0, 0, 0], [0, 0, 0, 0]]]
     assert np.array_equal(shifted(image, 0, 0), image)
 
 
 @pytest.mark.filterwarnings("ignore:this place or light is not the map's")
 def test_the_mount_shift_is_undone(monkeypatch):
-    reference, query = (ShiftedWindows(images, TAU) for images in drives())
+    reference, query = (CountedWindows(images, TAU) for images in drives())
     pair = Pair("drives", reference, query, SETTINGS, TRUTHS)
     monkeypatch.setattr(mount_shift, "SHIFTS", (0, 4))
     rows = list(mount_shift.measure(Draw(pair, 0, True)))
@@ -314,7 +314,7 @@ def test_the_mount_shift_is_undone(monkeypatch):
 def counted(windows=40):
     """A drive at few pixels, and the same drive with a tenth of its events gone."""
     images = drives(windows)
-    pair = Pair("walk, 25 px", *(ShiftedWindows(each, TAU) for each in images), SETTINGS, TRUTHS)
+    pair = Pair("walk, 25 px", *(CountedWindows(each, TAU) for each in images), SETTINGS, TRUTHS)
     few = replace(pair, settings=SETTINGS.replaced({"pixels": 25}, "test"))
     return few, few.mapped(few.settings)
 
@@ -397,7 +397,7 @@ def test_what_shows_nothing_of_the_route_is_what_it_says():
 
 
 def test_the_number_of_pixels_is_varied_and_what_does_not_fit_is_left_out(monkeypatch):
-    images = (ShiftedWindows(each, TAU) for each in drives())
+    images = (CountedWindows(each, TAU) for each in drives())
     pair = Pair("drives", *images, SETTINGS, TRUTHS).counted()
     monkeypatch.setattr(pixel_number, "NUMBERS", (5, 150))
     rows = list(pixel_number.measure(Draw(pair, 0, True)))

@@ -9,29 +9,18 @@ matter.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
-from dataclasses import dataclass
-from itertools import islice
 
 import numpy as np
 import numpy.typing as npt
 
-from edge_vpr.descriptors.counting import (
-    DescriptorStream,
-    EventSource,
-    WindowSource,
-    check_sensor,
-    event_windows,
-)
 from edge_vpr.descriptors.pixels import PixelMap
-from edge_vpr.descriptors.windows import FixedCount, FixedTime, WindowCounts
 from edge_vpr.errors import UsageError
 from edge_vpr.events import Sensor
 from edge_vpr.reference_map import ReferenceMap
 from fixedpoint.own_mean import FULL_SCALE, OwnMeanCode
 
-#: number of windows of the query that are used, and the smallest number that is enough
-WINDOWS, LEAST_WINDOWS = 128, 16
+#: most windows of the query that are used
+WINDOWS = 128
 #: largest shift, in pixels, and as a share of the sensor's shorter side
 REACH, SHARE = 10, 8
 #: smallest number of pixels of the map that must lie on the sensor at every shift
@@ -44,54 +33,32 @@ _ROUGH = 4  # from 1/256 to 1/16 octave, so that sums of squares are exact in do
 Floats = npt.NDArray[np.float64]
 
 
-@dataclass(frozen=True, kw_only=True)
-class MountShift:
-    """Shift of a query's image against the reference's, as in `metrics.json`."""
-
-    #: dx, dy: by which the map's pixels were moved, to the right and downwards; 0 where no shift is
-    #: clear.
-    dx: int
-    dy: int
-    windows: int  #: Windows of the query that it was estimated from.
-    #: likeness, likeness_unmoved: mean correlation of sequences with the most similar places, at
-    #: the most likely shift and at none.
-    likeness: float
-    likeness_unmoved: float
-
-
 def register(
-    reference: ReferenceMap, recording: EventSource | WindowSource
-) -> tuple[ReferenceMap, MountShift]:
-    """Move the pixels of a map by the shift of a query's image, and return both.
+    reference: ReferenceMap, images: npt.NDArray[np.integer]
+) -> tuple[ReferenceMap, int, int]:
+    """Move the pixels of a map by the shift of a query's image.
 
     Parameters
     ----------
-    recording : EventSource or WindowSource
-        Of the query; its first windows are counted at all pixels.
+    images : ndarray of int, shape (n, height, width)
+        Counts of the query's windows at all pixels; the first `WINDOWS` are used.
+
+    Returns
+    -------
+    reference : ReferenceMap
+    dx, dy : int
+        By which the map's pixels were moved, to the right and downwards; 0 where no shift is clear.
 
     Raises
     ------
     UsageError
-        If it has fewer than `LEAST_WINDOWS` windows, was counted at some pixels only, or fewer than
-        `LEAST_PIXELS` of the map stay on the sensor at every shift.
+        If fewer than `LEAST_PIXELS` of the map stay on the sensor at every shift.
     """
-    check_sensor(recording.sensor, reference.pixel_map.sensor)
-    images = _first_images(reference, recording)
-    if len(images) < LEAST_WINDOWS:
-        raise UsageError(
-            f"the recording has {len(images)} windows, too few to estimate its shift: expected "
-            f"{LEAST_WINDOWS} or more, leave registration out"
-        )
-    dx, dy, likeness, unmoved = estimate_shift(reference, images)
+    first = np.minimum(images[:WINDOWS], FULL_SCALE)
+    dx, dy, likeness, unmoved = estimate_shift(reference, first)
     if not _is_clear(likeness - unmoved):
         dx = dy = 0
-    return moved_map(reference, dx, dy), MountShift(
-        dx=dx,
-        dy=dy,
-        windows=len(images),
-        likeness=math.fsum(likeness) / len(likeness),
-        likeness_unmoved=math.fsum(unmoved) / len(unmoved),
-    )
+    return moved_map(reference, dx, dy), dx, dy
 
 
 def estimate_shift(
@@ -124,11 +91,11 @@ def estimate_shift(
     if int(inner.sum()) < LEAST_PIXELS:
         raise UsageError(
             f"{int(inner.sum())} of the map's {len(pixel_map)} pixels lie {reach} or more from the "
-            f"border: expected {LEAST_PIXELS} to estimate a shift, leave registration out"
+            f"border: expected {LEAST_PIXELS} to estimate a shift"
         )
     x, y = x[inner], y[inner]
-    counts = _folded(reference.decoded(reference.windows).counts, len(pixel_map))
-    places = _levels(counts[:, inner])
+    counts = reference.decoded(reference.windows).counts
+    places = _levels(counts[:, inner].astype(np.int64))
     sums = {
         (dx, dy): _likeness(places, _levels(images[:, y + dy, x + dx]))
         for dy in range(-reach, reach + 1)
@@ -169,39 +136,6 @@ def moved_map(reference: ReferenceMap, dx: int, dy: int) -> ReferenceMap:
         )
     moved = PixelMap(pixel_map.sensor, x[kept].astype(np.uint16), y[kept].astype(np.uint16))
     return reference.with_pixels(kept, moved)
-
-
-def _first_images(
-    reference: ReferenceMap, recording: EventSource | WindowSource
-) -> npt.NDArray[np.uint16]:
-    """Count the first windows of a query at all pixels, as (n, height, width)."""
-    sensor, settings = recording.sensor, reference.settings
-    windows: Iterator[WindowCounts]
-    if isinstance(recording, WindowSource):
-        if not recording.counted.all():
-            raise UsageError(
-                f"{int((~recording.counted).sum())} pixels were not counted in this file, and a "
-                "shift is estimated from all: leave registration out"
-            )
-        windows = recording.windows()
-    else:
-        # a fixed-count window ends after about this many events of the whole sensor
-        window = (
-            FixedTime(settings.tau_us)
-            if settings.window == "time"
-            else FixedCount(max(1, int(reference.places.events.sum()) // len(reference)))
-        )
-        stream = DescriptorStream(PixelMap.all_of(sensor), window)
-        windows = event_windows(recording, stream, settings, None)
-    most = FULL_SCALE
-    images = [np.minimum(w.counts, most).astype(np.uint16) for w in islice(windows, WINDOWS)]
-    return np.array(images, np.uint16).reshape(-1, sensor.height, sensor.width)
-
-
-def _folded(counts: npt.NDArray[np.integer], pixels: int) -> npt.NDArray[np.int64]:
-    """Add ON and OFF events, if they were counted separately."""
-    wide: npt.NDArray[np.int64] = counts.astype(np.int64)
-    return wide if wide.shape[1] == pixels else wide[:, :pixels] + wide[:, pixels:]
 
 
 def _levels(counts: npt.NDArray[np.integer]) -> npt.NDArray[np.float64]:

@@ -53,39 +53,42 @@ METHODS = (
 )
 
 
-class ShiftedWindows:
-    """Windows of a drive, counted at every pixel, with the image shifted.
+class CountedWindows:
+    """Windows of a drive that were counted at every pixel, as a recording.
 
     Parameters
     ----------
     images : ndarray of int, shape (n, height, width)
         Counts of events at each pixel, for n windows.
-    dx, dy : int
-        Shift to the right and downwards, in pixels.
     """
 
-    def __init__(
-        self, images: npt.NDArray[np.integer], window_us: int, dx: int = 0, dy: int = 0
-    ) -> None:
+    def __init__(self, images: npt.NDArray[np.integer], window_us: int) -> None:
         self.sensor = Sensor(images.shape[2], images.shape[1])
         self.window_us = window_us
         self.counted = np.ones(images.shape[1:], dtype=np.bool_)
-        self._images, self._shift = images, (dx, dy)
+        self._images = images
 
     def windows(self) -> Iterator[WindowCounts]:
         """Yield one window an image from the first one on, over all pixels, row by row."""
         for k, image in enumerate(self._images):
-            counts = shifted(image, *self._shift).astype(np.int64).ravel()
+            counts = image.astype(np.int64).ravel()
             start = k * self.window_us
             yield WindowCounts(counts, start, start + self.window_us, int(counts.sum()))
 
 
-def shifted(image: npt.NDArray[np.integer], dx: int, dy: int) -> npt.NDArray[np.integer]:
-    """Shift an image to the right and downwards; zeros fill the gap, and other pixels are lost."""
-    height, width = image.shape
-    moved = np.zeros_like(image)
-    moved[max(dy, 0) : height + min(dy, 0), max(dx, 0) : width + min(dx, 0)] = image[
-        max(-dy, 0) : height + min(-dy, 0), max(-dx, 0) : width + min(-dx, 0)
+def shifted(images: npt.NDArray[np.integer], dx: int, dy: int) -> npt.NDArray[np.integer]:
+    """Shift images to the right and downwards; zeros fill the gap, and other pixels are lost.
+
+    Parameters
+    ----------
+    images : ndarray of int, shape (n, height, width)
+    dx, dy : int
+        In pixels.
+    """
+    _, height, width = images.shape
+    moved = np.zeros_like(images)
+    moved[:, max(dy, 0) : height + min(dy, 0), max(dx, 0) : width + min(dx, 0)] = images[
+        :, max(-dy, 0) : height + min(-dy, 0), max(-dx, 0) : width + min(-dx, 0)
     ]
     return moved
 
@@ -101,7 +104,7 @@ def measure(draw: Draw) -> Iterator[Row]:
         count_drive(drive, FixedTime(window_us), bursts=True).images
         for drive in (pair.reference, pair.query)
     )
-    reference = ShiftedWindows(first, window_us)
+    reference = CountedWindows(first, window_us)
     every = draw.is_new and pair.settings.pixels == PAPER.pixels
     for method in METHODS:
         if not (method.drawn or every):
@@ -109,11 +112,11 @@ def measure(draw: Draw) -> Iterator[Row]:
         mapped = method.map(reference, pair.drawn_with(draw.seed))
         for shift in SHIFTS:
             row: dict[str, Any] = {"way": method.name, "shift": shift}
-            query, used = ShiftedWindows(second, window_us, shift, shift), mapped
+            images, used = shifted(second, shift, shift), mapped
             if method.registered:
-                used, estimated = register(mapped, query)
-                row[OFF] = max(abs(estimated.dx - shift), abs(estimated.dy - shift))
-            matched = used.match(query)
+                used, dx, dy = register(mapped, images)
+                row[OFF] = max(abs(dx - shift), abs(dy - shift))
+            matched = used.match(CountedWindows(images, window_us))
             truth = pair.truth_of(used.places.centre_us, matched.query_time_us)
             yield {**row, "P@100R": matched.evaluate(truth).precision_at_100_recall}
 
