@@ -198,7 +198,7 @@ ERRORS = {
 @pytest.mark.parametrize("name", ERRORS)
 def test_the_shipped_probabilities_are_as_far_off_as_they_were_on_each_drive(shared_data, name):
     pair = next(pair for pair in drive_pairs.open_pairs(shared_data) if pair.name == name)
-    mapped = trust.mapped_by_default(pair, 0)
+    mapped = pair.mapped(pair.default(0))
     promised = trust.in_zone(mapped.truth, mapped.reference.settings.exclusion_places)
     mapped = replace(mapped, truth=promised)
     for how, most in zip((LIVE, SMOOTHED), ERRORS[name], strict=True):
@@ -220,7 +220,7 @@ def test_the_shipped_probabilities_are_as_far_off_as_they_were_on_each_drive(sha
 def test_matches_are_accepted_where_a_drive_leaves_the_map_only_if_they_are_sure(
     brisbane, smooth, right, precision, recall
 ):
-    mapped = trust.mapped_by_default(brisbane, 0).with_settings({"smooth": smooth})
+    mapped = brisbane.mapped(brisbane.default(0)).with_settings({"smooth": smooth})
     assert calibration.sample(mapped).correct.mean() > right
     # a car that stands at a light off the map saw the same at the end of the route
     cut = calibration.sample(without_places(mapped, 220, 330))

@@ -132,12 +132,15 @@ class Pair:
     truths: Truths  #: Each makes the ground truth from the times of places and queries.
     drawn: bool = True  #: Whether pixels are drawn, so that several draws differ.
     tracks: Tracks | None = None  #: Tracks of the drives, where the truth comes from them.
+    #: Of the wheels in the reference and in the query, if they had odometers.
+    odometry: tuple[Odometry, Odometry] | None = None
 
     @classmethod
     def simulated(cls, reference: SimulatedRecording, query: SimulatedRecording) -> Pair:
         """Return two simulated drives of one street, matched by the settings of the paper."""
-        truths = {f"{TOLERANCE_M:g} m": truth_of_pair(reference, query)}
-        return cls(SIMULATED, reference, query, PRESETS["paper"], truths)
+        tracks = Tracks(reference.track, query.track)
+        truths = truths_of_tracks(*tracks, TOLERANCE_M)
+        return cls(SIMULATED, reference, query, PRESETS["paper"], truths, tracks=tracks)
 
     @property
     def truth_of(self) -> TruthOf:
@@ -171,6 +174,11 @@ class Pair:
     def drawn_with(self, seed: int) -> Settings:
         """Return the settings with another draw of pixels."""
         return self.settings.replaced({"seed": seed}, "seed")
+
+    def default(self, seed: int, **changes: Any) -> Settings:
+        """Return the default settings for as many pixels, chosen alike, in one draw of them."""
+        pixels = {"pixels": self.settings.pixels, "strategy": self.settings.strategy, "seed": seed}
+        return PRESETS["default"].replaced(pixels | changes, self.drives)
 
     def mapped(self, settings: Settings) -> MappedPair:
         """Map the reference with some settings, and count the query at the map's pixels."""

@@ -11,18 +11,17 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from itertools import product
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from edge_vpr_tools.report.tables import TableView
 
-from edge_vpr.descriptors.counting import EventSource, count_windows
+from edge_vpr.descriptors.counting import count_windows
 from edge_vpr.evaluation.calibration import reliability
 from edge_vpr.evaluation.ground_truth import GroundTruth
 from edge_vpr.evaluation.metrics import evaluate
 from edge_vpr.matching.matches import Matches
 from edge_vpr.reference_map import ReferenceMap
-from edge_vpr.route import Odometry
 from edge_vpr.settings import PRESETS
 from edge_vpr.simulation import simulate_pair
 from edge_vpr.simulation.drive import wheel_odometry
@@ -30,7 +29,7 @@ from lab.drives import STREETS, WALKS, second_drive, walks
 from lab.experiments.calibration import carried_off, without_places
 from lab.loop import Draw, Drives, Experiment, Row
 from lab.nulls import null_queries
-from lab.pairs import MappedPair, Pair, TruthOf, truth_of_tracks
+from lab.pairs import MappedPair, Pair, truths_of_tracks
 
 LENGTH_M, TOLERANCES_M = 450.0, (10.0, 20.0)
 FIRST_SEED = 70
@@ -52,63 +51,47 @@ MATCHED: Mapping[str, Mapping[str, Any]] = {
 }
 
 
-class Query(NamedTuple):
-    """One drive to match: its truths, the second with the wider tolerance, and its odometry."""
-
-    name: str
-    recording: EventSource
-    truths: tuple[TruthOf, TruthOf]
-    odometry: Odometry | None = None
-
-
-class Route(NamedTuple):
-    """The drive that a map is made of, and the drives that are matched with it."""
-
-    reference: EventSource
-    queries: tuple[Query, ...]
-    odometry: Odometry | None = None
-
-
-def open_street(seed: int) -> Route:
+def open_street(seed: int) -> list[Pair]:
     """Simulate the drives of one street, with odometers on their wheels."""
     reference, query = simulate_pair(FIRST_SEED + seed, length_m=LENGTH_M)
     rng = np.random.default_rng((FIRST_SEED + seed, _WHEELS))
     meter = wheel_odometry(reference.track, rng)
-    queries = []
+    pairs = []
     for light, name in LIGHTS.items():
-        driven = second_drive(query, STREETS[name])
-        near, wide = (
-            truth_of_tracks(reference.track, driven.track, metres) for metres in TOLERANCES_M
-        )
-        queries.append(Query(light, driven, (near, wide), wheel_odometry(driven.track, rng)))
-    return Route(reference.keep(), tuple(queries), meter)
+        pair = Pair.simulated(reference.keep(), second_drive(query, STREETS[name]))
+        assert pair.tracks is not None
+        truths = truths_of_tracks(*pair.tracks, *TOLERANCES_M)
+        odometry = meter, wheel_odometry(pair.tracks.query, rng)
+        pairs.append(replace(pair, drives=light, truths=truths, odometry=odometry))
+    return pairs
 
 
-def route_of(pair: Pair) -> Route:
+def recorded(pair: Pair) -> list[Pair]:
     """Return the walks; their truth is known to a second, so that both tolerances are 2 s."""
-    reference, query = pair.events
-    return Route(reference, (Query("as recorded", query, (pair.truth_of, pair.truth_of)),))
+    truths = {"near": pair.truth_of, "wide": pair.truth_of}
+    return [replace(pair, drives="as recorded", truths=truths)]
 
 
 def measure(draw: Draw) -> Iterator[Row]:
     """Match whole drives, and drives that leave the map, with both maps, live and recorded."""
-    route: Route = draw.pair
+    pairs: list[Pair] = draw.pair
+    reference = pairs[0].reference  # that of all
     for pixels in PIXELS:
         settings = PRESETS["default"].replaced({"pixels": pixels, "seed": draw.seed}, "half")
-        whole = ReferenceMap.build(route.reference, settings, places_per_window=1)
+        whole = ReferenceMap.build(reference, settings, places_per_window=1)
         half = ReferenceMap.build(
-            route.reference, settings, pixel_map=whole.pixel_map, places_per_window=2
+            reference, settings, pixel_map=whole.pixel_map, places_per_window=2
         )
-        for query in route.queries:
-            counted = count_windows(query.recording, whole.pixel_map, settings)
+        for pair in pairs:
+            counted = count_windows(pair.query, whole.pixel_map, settings)
             nulls = dict(null_queries(counted, np.random.default_rng(draw.seed)))
             shown = {WHOLE: counted, **{name: nulls[name] for name in NULLS}}
             for number, mapped in ((1, whole), (2, half)):
                 truths = [
                     truth_of(mapped.places.centre_us, counted.centre_us)
-                    for truth_of in query.truths
+                    for truth_of in pair.truths.values()
                 ]
-                row = {"pixels": pixels, "query": query.name, _NUMBER: number}
+                row = {"pixels": pixels, "query": pair.drives, _NUMBER: number}
                 for (matched, changes), (name, seen) in product(MATCHED.items(), shown.items()):
                     named = {**row, "matched": matched, "odometry": "none"}
                     drive = MappedPair(mapped, seen, truths[-1]).with_settings(changes)
@@ -117,10 +100,11 @@ def measure(draw: Draw) -> Iterator[Row]:
                     for part_name, part in parts.items():
                         figures = _figures(part, part.match(), [part.truth])
                         yield {**named, "drive": part_name, **figures}
-                    if query.odometry is not None and route.odometry is not None:
-                        along_mm = route.odometry.along(mapped.places.centre_us)
+                    if pair.odometry is not None:
+                        of_map, of_query = pair.odometry
+                        along_mm = of_map.along(mapped.places.centre_us)
                         metred = replace(drive.reference, odometer_mm=along_mm)
-                        metred_matches = replace(drive, reference=metred).match(query.odometry)
+                        metred_matches = replace(drive, reference=metred).match(of_query)
                         figures = _figures(drive, metred_matches, truths)
                         yield {**named, "odometry": "wheels", "drive": name, **figures}
 
@@ -171,8 +155,8 @@ def drives(data: Path | None) -> list[Drives]:
     """Return streets, and the walks of a folder."""
     routes = [Drives(f"streets of {LENGTH_M:g} m", open_street, varied=True)]
     if data is not None and (data / WALKS).is_dir():
-        recorded = walks(data)
-        routes.append(replace(recorded, open=lambda seed: route_of(recorded.open(seed))))
+        walked = walks(data)
+        routes.append(replace(walked, open=lambda seed: recorded(walked.open(seed))))
     return routes
 
 

@@ -9,6 +9,7 @@ chosen on streets of seeds below 200.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import NamedTuple
@@ -21,12 +22,11 @@ from edge_vpr.descriptors.counting import EventSource, WindowSource, cleaned
 from edge_vpr.evaluation.tracks import Track, distances, with_positions
 from edge_vpr.live.position import Locator, PathPosition
 from edge_vpr.reference_map import ReferenceMap
-from edge_vpr.settings import PRESETS
 from edge_vpr.simulation import simulate_pair
 from lab.drives import STREETS, second_drive
 from lab.experiments.trust import drives as recorded
 from lab.loop import Draw, Drives, Experiment, Row
-from lab.pairs import Pair, Tracks
+from lab.pairs import Pair
 
 LENGTH_M = 600.0
 FIRST_SEED = 300
@@ -35,17 +35,6 @@ LIGHTS: Mapping[str, str] = {"in other light": "street", "in low sun": "street, 
 PRECISION = 0.99
 EVERY = "50ms"
 OF_PLACE, REPORTED = "middle of the matched place", "reported"
-
-
-class Driven(NamedTuple):
-    """A route and a drive along it."""
-
-    query: str
-    reference: EventSource | WindowSource
-    drive: EventSource | WindowSource
-    tracks: Tracks
-    strategy: str
-    pixels: tuple[int, ...]
 
 
 class Live(NamedTuple):
@@ -57,42 +46,29 @@ class Live(NamedTuple):
     accepted: npt.NDArray[np.bool_]
 
 
-def open_street(seed: int) -> list[Driven]:
-    """Simulate the drives of one street."""
+def open_street(seed: int) -> list[Pair]:
+    """Simulate the drives of one street, each matched at some numbers of pixels."""
     reference, query = simulate_pair(FIRST_SEED + seed, length_m=LENGTH_M)
-    first = reference.keep()
-    driven_in = []
+    pairs = []
     for light, name in LIGHTS.items():
-        driven = second_drive(query, STREETS[name])
-        tracks = Tracks(first.track, driven.track)
-        driven_in.append(Driven(light, first, driven, tracks, "variance", PIXELS))
-    return driven_in
-
-
-def of_pair(pair: Pair) -> list[Driven]:
-    """Return the drive of a recorded pair that has tracks."""
-    assert pair.tracks is not None
-    settings = pair.settings
-    return [
-        Driven("as recorded", pair.reference, pair.query, pair.tracks, settings.strategy,
-               (settings.pixels,))
-    ]  # fmt: skip
+        pair = Pair.simulated(reference.keep(), second_drive(query, STREETS[name]))
+        for pixels in PIXELS:
+            settings = pair.settings.replaced({"pixels": pixels}, light)
+            pairs.append(replace(pair, drives=light, settings=settings))
+    return pairs
 
 
 def measure(draw: Draw) -> Iterator[Row]:
     """Match each drive live, and compare the positions of accepted matches with the track."""
-    every: list[Driven] = draw.pair
-    for driven in every:
-        for pixels in driven.pixels:
-            chosen = {
-                "pixels": pixels, "strategy": driven.strategy, "seed": draw.seed,
-                "precision": PRECISION,
-            }  # fmt: skip
-            settings = PRESETS["default"].replaced(chosen, "position")
-            built = ReferenceMap.build(driven.reference, settings)
-            mapped = with_positions(built, driven.tracks.reference)
-            for name, row in positions_of(mapped, driven).items():
-                yield {"pixels": pixels, "query": driven.query, "position": name, **row}
+    pairs: list[Pair] = draw.pair
+    for pair in pairs:
+        assert pair.tracks is not None
+        built = ReferenceMap.build(pair.reference, pair.default(draw.seed, precision=PRECISION))
+        mapped = with_positions(built, pair.tracks.reference)
+        live = live_matches(mapped, pair.query)
+        for name, row in positions_of(mapped, live, pair.tracks.query).items():
+            named = {"pixels": pair.settings.pixels, "query": pair.drives, "position": name}
+            yield {**named, **row}
 
 
 def live_matches(mapped: ReferenceMap, drive: EventSource | WindowSource) -> Live:
@@ -111,9 +87,8 @@ def live_matches(mapped: ReferenceMap, drive: EventSource | WindowSource) -> Liv
     return Live(start_us, end_us, place, ~rows["lost"].astype(np.bool_))
 
 
-def positions_of(mapped: ReferenceMap, driven: Driven) -> dict[str, Row]:
+def positions_of(mapped: ReferenceMap, live: Live, track: Track) -> dict[str, Row]:
     """Return the errors of positions by name, of the accepted matches."""
-    live, track = live_matches(mapped, driven.drive), driven.tracks.query
     path, locator = PathPosition(mapped.settings), Locator(mapped)
     at: dict[str, list[float]] = {OF_PLACE: live.place.astype(np.float64).tolist(), REPORTED: []}
     jumps = []
@@ -163,8 +138,8 @@ def drives(data: Path | None) -> list[Drives]:
     return declared
 
 
-def _opened(each: Drives, seed: int) -> list[Driven]:
-    return of_pair(each.open(seed))
+def _opened(each: Drives, seed: int) -> list[Pair]:
+    return [replace(each.open(seed), drives="as recorded")]
 
 
 EXPERIMENT = Experiment(

@@ -20,7 +20,6 @@ from edge_vpr.evaluation.calibration import learn_confidence
 from edge_vpr.evaluation.ground_truth import GroundTruth
 from edge_vpr.evaluation.metrics import evaluate_rejection
 from edge_vpr.evaluation.tracks import distances, with_positions
-from edge_vpr.settings import PRESETS
 from lab.drives import recorded_drives
 from lab.experiments import calibration
 from lab.experiments.calibration import (
@@ -52,12 +51,6 @@ _NULLS = 11  # random stream that shuffles windows and pixels
 _SAME_M = 5.0
 BY_TOLERANCE = "precision by tolerance"
 FIRST_HALF, SECOND_HALF = "the first half of the drive", "the second half of the drive"
-
-
-def mapped_by_default(pair: Pair, seed: int) -> MappedPair:
-    """Map a pair with the default settings and one draw of pixels."""
-    chosen = {"pixels": pair.settings.pixels, "strategy": pair.settings.strategy, "seed": seed}
-    return pair.mapped(PRESETS["default"].replaced(chosen, "trust"))
 
 
 def in_zone(truth: GroundTruth, places: int) -> GroundTruth:
@@ -102,7 +95,7 @@ def driven_versions(mapped: MappedPair, piece: tuple[int, int]) -> dict[str, lis
 def measure(draw: Draw) -> Iterator[Row]:
     """Evaluate the tables on a pair: whole, a piece cut out, carried off twice, and nulls."""
     pair: Pair = draw.pair
-    near = mapped_by_default(pair, draw.seed)
+    near = pair.mapped(pair.default(draw.seed))
     mapped = replace(near, truth=in_zone(near.truth, near.reference.settings.exclusion_places))
     places = len(mapped.reference)
     piece = (places // 2, 3 * places // 4) if pair.has_images else _CUT
