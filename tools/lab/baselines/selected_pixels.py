@@ -6,7 +6,7 @@ import numpy as np
 import numpy.typing as npt
 
 from edge_vpr.descriptors.codes import codes_of
-from edge_vpr.descriptors.counting import EventSource, WindowSource, count_windows
+from edge_vpr.descriptors.counting import EventSource, WindowSource
 from edge_vpr.descriptors.pixels import (
     PixelMap,
     PixelStatistics,
@@ -18,7 +18,7 @@ from edge_vpr.descriptors.pixels import (
 from edge_vpr.descriptors.windows import WindowCounts, narrow
 from edge_vpr.errors import UsageError
 from edge_vpr.events import Sensor
-from edge_vpr.map_making import coded_map, describe
+from edge_vpr.map_making import map_traverse
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.settings import PLUGIN, PRESETS, STRATEGIES, Settings
 from lab.baselines.baseline import Described, Images, VectorBaseline
@@ -119,16 +119,8 @@ def map_all_pixels(
     """
     y, x = np.nonzero(~hot)
     everything = PixelMap(recording.sensor, x.astype(np.uint16), y.astype(np.uint16))
-    settings = settings.replaced({"pixels": len(everything), "strategy": "top"}, "all pixels")
-    if settings.window == "count" and settings.events_per_pixel is None:
-        by_time = describe(
-            recording, everything, settings.uncoded.replaced({"window": "time"}, "all pixels")
-        )
-        mean = by_time.counts.sum(dtype=np.int64) / by_time.counts.size
-        settings = settings.replaced({"events_per_pixel": float(mean)}, "all pixels")
-    saliency = np.zeros(hot.shape, dtype=np.float32)
-    counted = count_windows(recording, everything, settings)
-    return coded_map(ReferenceMap(settings.uncoded, everything, counted, saliency, hot), settings)
+    settings = settings.replaced({"strategy": "top"}, "all pixels")
+    return map_traverse(recording, settings, pixel_map=everything, hot=hot)
 
 
 # Binary frames: the pixels with any event in a window, compared by their overlap.
