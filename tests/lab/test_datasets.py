@@ -28,6 +28,8 @@ from edge_vpr.evaluation.ground_truth import from_tracks
 from edge_vpr.evaluation.tracks import great_circle
 from edge_vpr.events import EVENT_DTYPE, Sensor, join_events, make_events
 from tests import naive
+from tests.lab.test_intensity import write_bag as write_messages
+from tests.recordings.recording_files import event_array
 
 SMALL = Sensor(6, 5)
 SECOND = 1_000_000
@@ -246,37 +248,11 @@ def write_parquet(path: Path, t: np.ndarray, pixel: np.ndarray | None = None) ->
 
 def write_bag(path: Path, t: np.ndarray) -> None:
     """Write the same events as a ROS 1 bag of the DAVIS driver's messages, ten events each."""
-    rosbag1 = pytest.importorskip("rosbags.rosbag1", reason="rosbags is not installed (extra ros)")
-    from rosbags.typesys import Stores, get_types_from_msg, get_typestore
-
-    store = get_typestore(Stores.ROS1_NOETIC)
-    store.register(
-        get_types_from_msg("uint16 x\nuint16 y\ntime ts\nbool polarity", "dvs_msgs/msg/Event")
-    )
-    store.register(get_types_from_msg(
-        "std_msgs/Header header\nuint32 height\nuint32 width\ndvs_msgs/Event[] events",
-        "dvs_msgs/msg/EventArray"))  # fmt: skip
-    types = store.types
-    time = types["builtin_interfaces/msg/Time"]
-    stamps = [time(sec=int(us // SECOND), nanosec=int(us % SECOND * 1000)) for us in t.tolist()]
-    kind = "dvs_msgs/msg/EventArray"
-    with rosbag1.Writer(path) as writer:
-        connection = writer.add_connection("/dvs/events", kind, typestore=store)
-        for first in range(0, len(t), 10):
-            last = min(first + 10, len(t))
-            header = types["std_msgs/msg/Header"](seq=0, stamp=stamps[last - 1], frame_id="")
-            message = types[kind](
-                header=header,
-                height=260,
-                width=346,
-                events=[
-                    types["dvs_msgs/msg/Event"](
-                        x=i % 346, y=i % 260, ts=stamps[i], polarity=bool(i % 2)
-                    )
-                    for i in range(first, last)
-                ],
-            )
-            writer.write(connection, int(t[last - 1]) * 1000, store.serialize_ros1(message, kind))
+    events = [(int(us), i % 346, i % 260, i % 2 == 1) for i, us in enumerate(t.tolist())]
+    parts = [events[first : first + 10] for first in range(0, len(events), 10)]
+    write_messages(path, [
+        ("/dvs/events", "dvs_msgs/msg/EventArray", event_array(part, 346, 260, 1)) for part in parts
+    ])  # fmt: skip
 
 
 def write_log(path: Path, seconds: int) -> None:

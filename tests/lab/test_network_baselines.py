@@ -233,32 +233,6 @@ def onnx_model(path, weights, shape, kind=1, operation="MatMul"):
     return path
 
 
-def conv_model(path, rng, size=16):
-    """Write a small convolutional network of random weights, from (n, 1, size, size) to 32."""
-    onnx = pytest.importorskip("onnx", reason="onnx is not installed (extra test)")
-    from onnx import helper, numpy_helper
-
-    kernel = rng.normal(size=(8, 1, 3, 3)).astype(np.float32)
-    out = rng.normal(size=(8 * (size // 4) ** 2, 32)).astype(np.float32)
-    nodes = [
-        helper.make_node("Conv", ["images", "kernel"], ["seen"], pads=[1] * 4, strides=[2, 2]),
-        helper.make_node("Relu", ["seen"], ["lit"]),
-        helper.make_node("MaxPool", ["lit"], ["pooled"], kernel_shape=[2, 2], strides=[2, 2]),
-        helper.make_node("Flatten", ["pooled"], ["flat"]),
-        helper.make_node("Gemm", ["flat", "out"], ["vectors"]),
-    ]
-    graph = helper.make_graph(
-        nodes, "conv",
-        [helper.make_tensor_value_info("images", 1, ["n", 1, size, size])],
-        [helper.make_tensor_value_info("vectors", 1, ["n", 32])],
-        [numpy_helper.from_array(kernel, "kernel"), numpy_helper.from_array(out, "out")],
-    )  # fmt: skip
-    model = helper.make_model(graph, opset_imports=[helper.make_opsetid("", 17)], ir_version=9)
-    onnx.checker.check_model(model, full_check=True)
-    onnx.save(model, str(path))
-    return path
-
-
 @pytest.fixture
 def _runtime():
     pytest.importorskip("onnxruntime", reason="onnxruntime is not installed (extra lab)")

@@ -8,17 +8,16 @@ from functools import partial
 
 import numpy as np
 import pytest
-from lab import datasets, pairs
+from lab import datasets
 from lab import drives as drive_pairs
 from lab.__main__ import main
-from lab.experiments import codes, fixed_number, mount_shift, rivals, trust
+from lab.experiments import fixed_number, mount_shift, rivals, trust
+from lab.loop import Draw
 
 from edge_vpr.errors import GroundTruthError, UsageError
 from edge_vpr.evaluation.ground_truth import GroundTruth, TruePositions
 from edge_vpr.events import join_events
-from edge_vpr.settings import PRESETS
 from edge_vpr.simulation import simulate_pair
-from tests.lab.in_process import rows_of
 from tests.lab.test_datasets import brisbane, qcr, write_bag, write_log, write_parquet
 
 SECOND = 1_000_000
@@ -55,25 +54,12 @@ def downloads(tmp_path_factory):
     return folder
 
 
-@pytest.fixture
-def small(monkeypatch):
-    """Short streets, few pixels, and few variants."""
-    street = partial(simulate_pair, sensor="tiny", length_m=60.0)
-    few = PRESETS["paper"].replaced({"pixels": 25, "sequence_length": 3, "sigma": 1.0}, "test")
-    for module in (drive_pairs, fixed_number):
-        monkeypatch.setattr(module, "simulate_pair", street)
-    monkeypatch.setattr(fixed_number, "LENGTH_M", 50.0)
-    monkeypatch.setattr(fixed_number, "SPEEDS", (2.0,))
-    variants = [v for v in fixed_number.VARIANTS if v.changes["pixels"] == 25]
-    monkeypatch.setattr(fixed_number, "VARIANTS", variants)
-    monkeypatch.setattr(mount_shift, "SHIFTS", (2,))
-    monkeypatch.setattr(mount_shift, "METHODS", (mount_shift.METHODS[0], mount_shift.METHODS[5]))
-    monkeypatch.setattr(drive_pairs, "NUMBERS", (25,))
-    monkeypatch.setattr(drive_pairs, "PAPER", few)
-    monkeypatch.setattr(pairs, "PRESETS", {"paper": few})
-    drive_pairs._pairs.cache_clear()
-    yield
-    drive_pairs._pairs.cache_clear()
+@pytest.fixture(scope="module")
+def pair(downloads):
+    """The two traverses, the same drive twice, with few pixels and short sequences."""
+    changes = {"pixels": 25, "sequence_length": 3, "sigma": 1.0}
+    (both,) = drive_pairs.whole_pairs(downloads)
+    return replace(both, settings=both.settings.replaced(changes, "test"))
 
 
 @pytest.mark.parametrize("kind", ["parquet", "bag"])
@@ -110,33 +96,26 @@ def test_qcr_traverses_are_pairs_too(tmp_path):
     assert fast.duration_us / reference.duration_us == pytest.approx(64 / 162)
 
 
-def test_fixed_number_and_fixed_time_are_compared_on_published_traverses(downloads, small):
-    rows = rows_of(fixed_number, downloads, 2)
-    for row in rows:
-        if row["drives"] == PAIR:
-            # the same drive twice: the same duration, the same events, every match right
-            measures = (fixed_number.DURATION, fixed_number.EVENTS, "P@100R")
-            assert [row[measure] for measure in measures] == [1.0, 1.0, 1.0]
-        else:
-            assert row[fixed_number.DURATION] == pytest.approx(0.5, abs=0.05)
+def test_fixed_number_and_fixed_time_are_compared_on_published_traverses(pair, monkeypatch):
+    """The same duration, the same events, every match right; and a street at twice the speed."""
+    monkeypatch.setattr(fixed_number, "VARIANTS", fixed_number.VARIANTS[:2])
+    for row in fixed_number.measure(Draw(pair, 0, True)):
+        measures = (fixed_number.DURATION, fixed_number.EVENTS, "P@100R")
+        assert [row[measure] for measure in measures] == [1.0, 1.0, 1.0]
+    street = partial(simulate_pair, sensor="tiny")
+    monkeypatch.setattr(fixed_number, "simulate_pair", street)
+    monkeypatch.setattr(fixed_number, "LENGTH_M", 50.0)
+    monkeypatch.setattr(fixed_number, "SPEEDS", (2.0,))
+    ((_, twice),) = fixed_number.street(0)
+    reference, query = (fixed_number.extent(drive) for drive in twice.events)
+    assert query.duration_us / reference.duration_us == pytest.approx(0.5, abs=0.05)
 
 
-def test_the_camera_of_published_traverses_is_moved(downloads, small):
-    rows = rows_of(mount_shift, downloads, 1)
-    assert {row["drives"] for row in rows} == {f"{PAIR}, 25 px"}
-    assert {row["way"] for row in rows} == {method.name for method in mount_shift.METHODS}
-
-
-def test_codes_and_probabilities_are_judged_on_published_traverses(downloads, small, monkeypatch):
-    monkeypatch.setattr(codes, "BITS", (3, 8))
-    rows = rows_of(codes, downloads, 1)
-    assert {row["drives"] for row in rows} == {f"{PAIR}, 25 px"}
-    rows = rows_of(trust, downloads, 1)
-    named = {(row["map"], row["matching"]) for row in rows if row["drives"] == f"{PAIR}, 25 px"}
-    maps = ("whole", "a piece cut out", "carried off twice")
+def test_probabilities_are_judged_on_published_traverses(pair):
+    rows = {(row["map"], row["matching"]): row for row in trust.measure(Draw(pair, 0, True))}
     for how in ("smoothed", "live"):
-        assert {(each, how) for each in maps} < named
-        (whole,) = (row for row in rows if (row["map"], row["matching"]) == ("whole", how))
+        assert {("a piece cut out", how), ("carried off twice", how)} < rows.keys()
+        whole = rows["whole", how]
         assert whole["correct"] == 1 and whole["positions in their interval"] == 1
 
 
