@@ -11,7 +11,7 @@ from lab import drives as drive_pairs
 from lab.experiments import calibration, trust
 from lab.experiments.calibration import without_places
 from lab.pairs import Kept, Pair
-from lab.variants import Variant, VariantResult
+from lab.variants import Variant
 
 from edge_vpr.confidence import LIVE, SMOOTHED, default_confidence
 from edge_vpr.descriptors.counting import count_places
@@ -19,7 +19,7 @@ from edge_vpr.descriptors.windows import PublishedWindows
 from edge_vpr.errors import MapError, UsageError
 from edge_vpr.evaluation.calibration import reliability
 from edge_vpr.evaluation.ground_truth import from_tracks
-from edge_vpr.evaluation.metrics import evaluate_rejection
+from edge_vpr.evaluation.metrics import evaluate, evaluate_rejection
 from edge_vpr.evaluation.track_files import load_track
 from edge_vpr.learning import align
 from edge_vpr.online.localiser import Localiser
@@ -83,18 +83,18 @@ def test_150_varying_pixels_recognise_the_walks_and_the_oracle_agrees(walks, sha
     pair = Pair("walks", *walks, drive_pairs.WALKS_SETTINGS, truths)
     shares = []
     for seed in range(5):
-        trial = VariantResult.of(Variant("paper").of(pair, seed))
-        shares.append(trial.evaluation.precision_at_100_recall)
+        trial = Variant("paper").of(pair, seed)
+        evaluation = evaluate(trial.match(), trial.truth)
+        shares.append(evaluation.precision_at_100_recall)
         if seed == 0:
             expected = figures_of_the_oracle(
                 naive.distance_matrix(
-                    trial.reference.places.counts.tolist(), trial.queries.counts.tolist()
+                    trial.reference.places.counts.tolist(), trial.counted.counts.tolist()
                 ),
                 trial.truth,
                 pair.settings.sequence_length,
                 pair.settings.sequence_length // 2,
             )
-            evaluation = trial.evaluation
             assert expected == (
                 evaluation.precision_at_100_recall,
                 evaluation.recall_at_99_precision,
@@ -113,9 +113,8 @@ def test_sequences_on_the_brisbane_drives_are_the_oracles(shared_data, brisbane)
     distances = naive.distance_matrix(counts[0].tolist(), counts[1].tolist())
     for length in (1, 20):
         expected = figures_of_the_oracle(distances, truth, length, length // 2)
-        figures = VariantResult.of(
-            Variant("", {"sequence_length": length}).of(brisbane, 0)
-        ).evaluation
+        trial = Variant("", {"sequence_length": length}).of(brisbane, 0)
+        figures = evaluate(trial.match(), trial.truth)
         assert expected == (
             figures.precision_at_100_recall,
             figures.recall_at_99_precision,

@@ -12,11 +12,8 @@ import numpy as np
 from edge_vpr_tools.sweep.trial import fastest
 
 from edge_vpr.descriptors.counting import EventSource, WindowSource
-from edge_vpr.descriptors.windows import Descriptors
-from edge_vpr.evaluation.ground_truth import GroundTruth
-from edge_vpr.evaluation.metrics import Evaluation, evaluate
+from edge_vpr.evaluation.metrics import evaluate
 from edge_vpr.matching.drive import match_query
-from edge_vpr.matching.matches import Matches
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.settings import PRESETS, Settings
 from lab.baselines import map_all_pixels
@@ -68,48 +65,6 @@ class Variant:
         return MappedPair.of(mapped, pair.query, pair.truth_of)
 
 
-@dataclass(frozen=True, eq=False)
-class VariantResult:
-    """Result of one variant on one pair of drives."""
-
-    reference: ReferenceMap
-    queries: Descriptors
-    matches: Matches
-    truth: GroundTruth
-    evaluation: Evaluation
-    matching_s: float
-
-    @classmethod
-    def of(cls, pair: MappedPair) -> VariantResult:
-        """Match, and evaluate every window that is matched."""
-        queries = pair.reference.coded(pair.counted)
-        matches, matching_s = fastest(lambda: match_query(pair.reference, queries))
-        evaluation = evaluate(matches, pair.truth)
-        return cls(pair.reference, queries, matches, pair.truth, evaluation, matching_s)
-
-    @property
-    def microseconds_per_match(self) -> float:
-        """Time to match one query window against the whole map, when compiled and cached."""
-        return 1e6 * self.matching_s / len(self.matches)
-
-    @property
-    def operations(self) -> int:
-        """Number of differences of counters to compare one query window with the whole map."""
-        return self.reference.places.counts.size
-
-    def row(self) -> dict[str, Any]:
-        """Return the measured columns of an experiment's table."""
-        evaluation = self.evaluation
-        return {
-            "P@100R": evaluation.precision_at_100_recall,
-            "R@99P": evaluation.recall_at_99_precision,
-            "Recall@5": evaluation.recall_at[5],
-            "bytes per window": self.reference.packed_bytes_per_window,
-            "operations per query": self.operations,
-            "time per query (us)": self.microseconds_per_match,
-        }
-
-
 def variants_experiment(
     drives: Callable[[Path | None], Sequence[Drives]],
     variants: Sequence[Variant],
@@ -143,8 +98,20 @@ def _measure(variants: Sequence[Variant], default: str, draw: Draw) -> Iterator[
         if not (draw.is_new or variant.drawn):
             continue
         mapped = variant.of(pair, draw.seed)
-        result = VariantResult.of(mapped)
-        inner = inner_share(result.matches, result.truth, pair.settings.sequence_length)
-        yield {"variant": variant.name, CHOSEN_ON: variant.chosen_on, **result.row(), INNER: inner}
+        queries = mapped.reference.coded(mapped.counted)
+        matches, matching_s = fastest(partial(match_query, mapped.reference, queries))
+        evaluation = evaluate(matches, mapped.truth)
+        yield {
+            "variant": variant.name,
+            CHOSEN_ON: variant.chosen_on,
+            "P@100R": evaluation.precision_at_100_recall,
+            "R@99P": evaluation.recall_at_99_precision,
+            "Recall@5": evaluation.recall_at[5],
+            "bytes per window": mapped.reference.packed_bytes_per_window,
+            # differences of counters to compare one window with the whole map
+            "operations per query": mapped.reference.places.counts.size,
+            "time per query (us)": 1e6 * matching_s / len(matches),
+            INNER: inner_share(matches, mapped.truth, pair.settings.sequence_length),
+        }
         if variant.name == default:
             yield from null_rows(mapped, np.random.default_rng(draw.seed), "variant")
