@@ -61,29 +61,27 @@ def test_a_file_of_results_is_as_its_experiment_writes_it(name):
 
 def test_a_dot_is_the_mean_and_its_bar_the_spread():
     rows = [
-        {"drives": "d", "row": name, "series": series, "P@100R": value, "R@99P": value}
+        {"drives": "d", "row": name, "series": series, "P@100R": value}
         for series in ("x", "y")
         for name, value in (("a", 0.2), ("a", 0.4), ("a", 0.6), ("$b", 1.0))
     ]
-    drawing = plots.dots(rows, ("P@100R", "R@99P"), "row", "series")
-    left, right = drawing.axes
-    assert [label.get_text() for label in left.get_yticklabels()] == ["a", r"\$b"]
-    assert (left.get_xlabel(), right.get_xlabel()) == ("P@100R", "R@99P")
-    assert left.get_ylim()[0] > left.get_ylim()[1]  # the first row is at the top
-    assert dots(left) == dots(right) == [[pytest.approx(0.4), 1.0]] * 2
-    heights = [bars[0].get_ydata().tolist() for bars in left.containers]
+    drawing = plots.dots(rows, "P@100R", "row", "series")
+    (axes,) = drawing.axes
+    assert [label.get_text() for label in axes.get_yticklabels()] == ["a", r"\$b"]
+    assert (axes.get_xlabel(), axes.get_title()) == ("P@100R", "")
+    assert axes.get_ylim()[0] > axes.get_ylim()[1]  # the first row is at the top
+    assert dots(axes) == [[pytest.approx(0.4), 1.0]] * 2
+    heights = [bars[0].get_ydata().tolist() for bars in axes.containers]
     assert heights == [[-0.125, 0.875], [0.125, 1.125]]
-    (bar, point) = left.containers[0].lines[2][0].get_segments()
+    (bar, point) = axes.containers[0].lines[2][0].get_segments()
     assert np.ptp(bar[:, 0]) == pytest.approx(0.4) and np.ptp(point[:, 0]) == 0
     assert [text.get_text() for text in drawing.legends[0].get_texts()] == ["x", "y"]
-    assert plots.dots(rows[:4], ("P@100R",), "row").legends == []
+    assert plots.dots(rows[:4], "P@100R", "row", "series").legends == []
     # drives below each other have rows of their own, and the same colour for a series
-    other = [
-        {**row, "drives": "e, f"} for row in rows if row["row"] == "a" and row["series"] == "y"
-    ]
-    upper, lower = plots.dots([*rows, *other], ("P@100R",), "row", "series", columns=1).axes
+    others = [{**row, "drives": f"e, {i}"} for row in rows[4:7] for i in range(4)]
+    *beside, lower = plots.dots([*rows, *others], "P@100R", "row", "series").axes
     assert [label.get_text() for label in lower.get_yticklabels()] == ["a"]
-    assert (upper.get_title(), lower.get_title()) == ("d", "e\nf")
+    assert [axes.get_title() for axes in (beside[0], lower)] == ["d", "e\n3"] and len(beside) == 4
     assert np.isnan(dots(lower)[0]).all() and dots(lower)[1] == [pytest.approx(0.4)]
 
 

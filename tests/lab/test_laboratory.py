@@ -108,7 +108,7 @@ def declared(name, ran):
         ],
         names=("system",),
         measure=measure,
-        figure=partial(dots, measures=("P@100R",), row="system"),
+        figure=partial(dots, measure="P@100R", row="system", series="system"),
         takes_systems=name == "rivals",
     )
 

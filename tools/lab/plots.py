@@ -14,40 +14,31 @@ from matplotlib.figure import Figure
 from lab.loop import Rows
 
 #: most panels beside each other, so that a page shows them in a legible size
-_COLUMNS = 3
+_COLUMNS, _COLUMNS_OF_DOTS = 3, 4
 #: least space between labelled ticks, as a share of the axis
 _APART = 0.08
 _MARKERS = "osD^vP"
 
 
-def dots(
-    rows: Rows,
-    measures: Sequence[str],
-    row: str,
-    series: str | None = None,
-    *,
-    columns: int = _COLUMNS,
-) -> Figure:
-    """Draw a panel per measure and pair of drives: means of trials as dots, a colour per series.
+def dots(rows: Rows, measure: str, row: str, series: str) -> Figure:
+    """Draw a panel for each pair of drives: means of trials as dots, a colour for each series.
 
-    Rows are drawn from top to bottom; a bar is the spread of the trials.
+    Rows are drawn from top to bottom; a bar is the spread of the trials. Panels beside each other
+    share their rows.
 
     Parameters
     ----------
-    columns : int
-        Most panels beside each other, which share their rows.
+    measure : str
+        Column of numbers.
+    row, series : str
+        Columns that name the rows, and the dots of each.
     """
-    drives = list(_by(rows, "drives"))
-    kinds = list(dict.fromkeys(each[series] for each in rows)) if series else [""]
-    shown = [
-        (measure, "" if len(drives) == 1 else str(name).replace(", ", "\n"), of)
-        for measure in measures
-        for name, of in drives
-    ]
-    columns = min(len(shown), columns)
+    shown = list(_by(rows, "drives"))
+    kinds = list(dict.fromkeys(each[series] for each in rows))
+    columns = min(len(shown), _COLUMNS_OF_DOTS)
     beside = [shown[i : i + columns] for i in range(0, len(shown), columns)]
     labels = [
-        list(dict.fromkeys(str(each[row]) for *_, of in line for each in of)) for line in beside
+        list(dict.fromkeys(str(each[row]) for _, of in line for each in of)) for line in beside
     ]
     heights = [1.4 + 0.12 * (1 + len(kinds)) * len(each) for each in labels]
     size = 3.4 + 2.2 * columns, sum(heights)
@@ -58,14 +49,15 @@ def dots(
         for across, line, names in zip(grid, beside, labels, strict=True):
             across[0].set_yticks(range(len(names)), map(_title, names), fontsize=9)
             across[0].set_ylim(len(names) - 0.5, -0.5)
-            for axes, (measure, title, of) in zip(across, line, strict=False):
+            for axes, (drives, of) in zip(across, line, strict=False):
                 for i, kind in enumerate(kinds):
-                    those = [each for each in of if not series or each[series] == kind]
+                    those = [each for each in of if each[series] == kind]
                     trials = {str(name): _values(each, measure) for name, each in _by(those, row)}
                     # several dots of a row stand below each other
                     below = 0.5 * ((i + 0.5) / len(kinds) - 0.5)
                     spreads = [mean_and_spread(trials.get(name) or [np.nan]) for name in names]
                     _dots(axes, spreads, below, i, _title(kind))
+                title = "" if len(shown) == 1 else str(drives).replace(", ", "\n")
                 axes.set(xlabel=measure, title=title, xlim=(-0.03, 1.03))
                 axes.locator_params(axis="x", nbins=4)
                 axes.tick_params(axis="x", labelsize=9)

@@ -310,7 +310,7 @@ def figure(rows: Rows) -> Figure:
         and row["matching"] in SHOWN
         and row["tolerance"] == first[row["drives"]]
     ]
-    return dots(shown, (INNER,), "system", "matching", columns=4)
+    return dots(shown, INNER, "system", "matching")
 
 
 #: decoders in the figure
