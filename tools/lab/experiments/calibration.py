@@ -183,8 +183,8 @@ def open_street(seed: int) -> Street:
 
 
 def driven(
-    street: Street, elsewhere: SimulatedRecording | None, parts: int = 1, **changes: Any
-) -> Iterator[tuple[MappedPair, Descriptors | None]]:
+    street: Street, elsewhere: SimulatedRecording, parts: int = 1, **changes: Any
+) -> Iterator[tuple[MappedPair, Descriptors]]:
     """Map a street and count its drives, with each number of pixels and kind of window.
 
     Drives are counted in parts of windows, so many in a window, each with the truth of the window
@@ -203,7 +203,7 @@ def driven(
             settings = PRESETS["default"].replaced(chosen, "calibration")
             mapped = ReferenceMap.build(street.reference, settings)
             counted = partial(_in_parts, mapped, parts)
-            away = None if elsewhere is None else counted(elsewhere)
+            away = counted(elsewhere)
             for drive in street.drives.values():
                 some = counted(drive)
                 first_us = some.start_us[np.maximum(np.arange(len(some)) - parts + 1, 0)]
@@ -227,7 +227,7 @@ BACKWARDS, ANOTHER = "backwards", "another route"
 
 
 def versions_of(
-    pair: MappedPair, elsewhere: Descriptors | None, rng: np.random.Generator, parts: int = 1
+    pair: MappedPair, elsewhere: Descriptors, rng: np.random.Generator, parts: int = 1
 ) -> dict[str, MappedPair]:
     """Return the versions of a drive by name, in whole windows.
 
@@ -235,8 +235,8 @@ def versions_of(
     ----------
     pair : MappedPair
         Map, and the drive in parts of windows, see `driven`.
-    elsewhere : Descriptors or None
-        Parts of a drive of another street; without it there is none, and no detour.
+    elsewhere : Descriptors
+        Parts of a drive of another street.
     rng : Generator
         Decides where the map and the drive are cut.
     parts : int
@@ -247,17 +247,18 @@ def versions_of(
     first = int(rng.integers(0, 3 * places // 4))
     part_of_map = without_places(pair, first, first + places // 4)
     whole = spliced(pair, in_order, parts)
-    versions: dict[str, MappedPair] = {WHOLE: whole, CUT: spliced(part_of_map, in_order, parts)}
-    if elsewhere is not None:
-        length = min(n // 4, len(elsewhere))
-        start = int(rng.integers(0, len(elsewhere) - length + 1))
-        away = elsewhere.take(np.arange(start, start + length))
-        versions[DETOUR] = with_detour(pair, away, int(rng.integers(parts, n)), parts)
-    versions[CARRIED] = carried_off(pair, n // 3, 2 * n // 3, parts)
-    versions[BACKWARDS] = spliced(whole, np.arange(len(whole.counted))[::-1])
-    if elsewhere is not None:
-        versions[ANOTHER] = of_another_route(pair, elsewhere, parts)
-    return versions
+    cut = spliced(part_of_map, in_order, parts)
+    length = min(n // 4, len(elsewhere))
+    start = int(rng.integers(0, len(elsewhere) - length + 1))
+    away = elsewhere.take(np.arange(start, start + length))
+    return {
+        WHOLE: whole,
+        CUT: cut,
+        DETOUR: with_detour(pair, away, int(rng.integers(parts, n)), parts),
+        CARRIED: carried_off(pair, n // 3, 2 * n // 3, parts),
+        BACKWARDS: spliced(whole, np.arange(len(whole.counted))[::-1]),
+        ANOTHER: of_another_route(pair, elsewhere, parts),
+    }
 
 
 def of_another_route(pair: MappedPair, elsewhere: Descriptors, parts: int = 1) -> MappedPair:
