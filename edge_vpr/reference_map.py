@@ -525,44 +525,6 @@ class ReferenceMap(EqualByValue):
         kept = settings.of_trust == self.settings.of_trust
         return replace(self, settings=settings, confidence=self.confidence if kept else None)
 
-    def with_pixels(self, kept: npt.NDArray[np.bool_], pixel_map: PixelMap) -> ReferenceMap:
-        """Return the map with some of its pixels, and with all that is stored for these.
-
-        Parameters
-        ----------
-        kept : ndarray of bool, shape (J,)
-            Which pixels are kept, at least one.
-        pixel_map : PixelMap
-            Their positions, in the same order.
-        """
-        settings, places, left = self.settings, self.places, len(pixel_map)
-        # codes give roughly the share of events that the remaining counters had
-        counts = self.decoded(places).counts
-        events = max(1, int(counts[:, kept].sum(dtype=np.int64)))
-        share = min(1.0, events / max(1, int(counts.sum(dtype=np.int64))))
-        changes: dict[str, float] = {"pixels": left}
-        if settings.events_per_pixel is not None:  # so that a window covers the same distance
-            changes["events_per_pixel"] = settings.events_per_pixel * share * kept.size / left
-
-        def of_counters(values: npt.NDArray[Any] | None) -> npt.NDArray[Any] | None:
-            return None if values is None else np.ascontiguousarray(values[..., kept])
-
-        return replace(
-            self,
-            settings=settings.replaced(changes, "the pixels that are left"),
-            pixel_map=pixel_map,
-            places=replace(
-                places,
-                counts=np.ascontiguousarray(places.counts[:, kept]),
-                selected=np.rint(places.selected_events * share).astype(np.int64),
-                counted=np.rint(places.counted_events * share).astype(np.int64),
-            ),
-            full_scale=of_counters(self.full_scale),
-            mean=of_counters(self.mean),
-            limits=of_counters(self.limits),
-            learnt_mean=of_counters(self.learnt_mean),
-        )
-
     def check_table(self, settings: Settings) -> None:
         """Check that other settings for matching ask for no table in place of the map's own."""
         asks = settings.stays_on_map and not self.settings.stays_on_map

@@ -9,6 +9,8 @@ matter.
 from __future__ import annotations
 
 import math
+from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -135,7 +137,40 @@ def moved_map(reference: ReferenceMap, dx: int, dy: int) -> ReferenceMap:
             f"no pixel of the map is left after a shift of ({dx}, {dy}): make a new map"
         )
     moved = PixelMap(pixel_map.sensor, x[kept].astype(np.uint16), y[kept].astype(np.uint16))
-    return reference.with_pixels(kept, moved)
+    return _with_pixels(reference, kept, moved)
+
+
+def _with_pixels(
+    reference: ReferenceMap, kept: npt.NDArray[np.bool_], pixel_map: PixelMap
+) -> ReferenceMap:
+    """Return a map with some of its pixels, at other positions, and all that it has of them."""
+    settings, places, left = reference.settings, reference.places, len(pixel_map)
+    # codes give roughly the share of events that the remaining counters had
+    counts = reference.decoded(places).counts
+    events = max(1, int(counts[:, kept].sum(dtype=np.int64)))
+    share = min(1.0, events / max(1, int(counts.sum(dtype=np.int64))))
+    changes: dict[str, float] = {"pixels": left}
+    if settings.events_per_pixel is not None:  # so that a window covers the same distance
+        changes["events_per_pixel"] = settings.events_per_pixel * share * kept.size / left
+
+    def of_counters(values: npt.NDArray[Any] | None) -> npt.NDArray[Any] | None:
+        return None if values is None else np.ascontiguousarray(values[..., kept])
+
+    return replace(
+        reference,
+        settings=settings.replaced(changes, "the pixels that are left"),
+        pixel_map=pixel_map,
+        places=replace(
+            places,
+            counts=np.ascontiguousarray(places.counts[:, kept]),
+            selected=np.rint(places.selected_events * share).astype(np.int64),
+            counted=np.rint(places.counted_events * share).astype(np.int64),
+        ),
+        full_scale=of_counters(reference.full_scale),
+        mean=of_counters(reference.mean),
+        limits=of_counters(reference.limits),
+        learnt_mean=of_counters(reference.learnt_mean),
+    )
 
 
 def _levels(counts: npt.NDArray[np.integer]) -> npt.NDArray[np.float64]:
