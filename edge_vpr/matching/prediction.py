@@ -226,25 +226,25 @@ def move_on(metric: Narrow, table: FilterTable, activity: int, back: bool, out: 
         that is reached.
     """
     places, size = len(metric), metric.size
-    restarted, column = np.empty(LANES, dtype=np.int16), np.empty(places, dtype=np.int64)
+    restarted, column = np.empty((1, LANES), dtype=np.int16), np.empty(places, dtype=np.int64)
     for h in range(LANES):
         least = metric[0, h]
         for k in range(places):
             least = min(least, metric[k, h])
-        restarted[h] = least + table.restart_cost
+        restarted[0, h] = least + table.restart_cost
     cost = np.empty((places, LANES), dtype=np.int16)
     # the lanes of a place are copied as two words, and sums are in long loops, which are vectors
-    of_place, of_column = cost.view(np.int64), table.costs.view(np.int64)
-    from_any, words = restarted.view(np.int64), out.view(np.int64)
+    of_place, from_any, words = cost.view(np.int64), restarted.view(np.int64), out.view(np.int64)
     for k in range(places):
         column[k] = first_column(activity, table.activity[k])
-        words[k, 0] = from_any[0]
-        words[k, 1] = from_any[1]
+        words[k, 0] = from_any[0, 0]
+        words[k, 1] = from_any[0, 1]
     before, reached, costs = metric.reshape(size), out.reshape(size), cost.reshape(size)
-    for i in range(min(len(of_column), places)):
+    for i in range(min(len(table.costs), places)):
+        of_column = table.costs[i].view(np.int64)
         for k in range(places):
-            of_place[k, 0] = of_column[i, column[k], 0]
-            of_place[k, 1] = of_column[i, column[k], 1]
+            of_place[k, 0] = of_column[column[k], 0]
+            of_place[k, 1] = of_column[column[k], 1]
         far, rest = i * LANES, size - i * LANES
         to, source = (0, far) if back else (far, 0)
         lower(reached[to : to + rest], before[source : source + rest], costs[far:])
