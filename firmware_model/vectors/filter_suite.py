@@ -97,11 +97,21 @@ def _variant(design: Design, rng: np.random.Generator) -> Design:
 # Drives through a map.
 
 
+def drive_cases(design: Design, rng: np.random.Generator, number: int = 3) -> list[Case]:
+    """Make drives through maps of the design itself, for a core that has no other design."""
+    return [_driven(f"drive_{i}", design, rng, 60) for i in range(number if design.filters else 0)]
+
+
 def _drive(name: str, design: Design, rng: np.random.Generator, drawn: int) -> Case:
-    """Draw a map whose near places are alike, and a drive along it: any speed, gain and light."""
+    """Draw a drive through a map of few places."""
     places = int(rng.choice([1, 2, 3, 4, 5, 6, 7, 8, 9, 12, 12, 16, 24]))
-    design = replace(design, places=places)
-    rates = _rates(design, rng)
+    case = _driven(name, replace(design, places=places), rng, int(rng.integers(10, 26)))
+    return _at_threshold(case, rng)
+
+
+def _driven(name: str, design: Design, rng: np.random.Generator, windows: int) -> Case:
+    """Draw a map whose near places are alike, and a drive along it: any speed, gain and light."""
+    places, rates = design.places, _rates(design, rng)
     shown = [_counts(rates[k], 1.0, rng) for k in range(places)]
     for counts in shown:
         counts[-1] += not any(counts)  # windows by count have some
@@ -116,7 +126,7 @@ def _drive(name: str, design: Design, rng: np.random.Generator, drawn: int) -> C
     events = [sum(map(min, counts, limits or [1 << 30] * len(counts))) for counts in shown]
     activity = max((sum(events) << ACTIVITY_FRACTION_BITS) // places, 1)
     place, gain, speed = int(rng.integers(places)), 0.0, 1
-    for _ in range(int(rng.integers(10, 26))):
+    for _ in range(windows):
         place, gain, speed = _moved(place, gain, speed, design, rng)
         kind = rng.random()
         if kind < 0.12 and design.window == "time":
@@ -127,13 +137,12 @@ def _drive(name: str, design: Design, rng: np.random.Generator, drawn: int) -> C
             stream.fill(_counts(rates[place], less * 2.0**gain * max(speed, 0.4), rng))
     stream.close()
     typical = typical_distances(codes)
-    case = stream.case(
+    return stream.case(
         name, codes, mean=mean, limits=limits,
         activity=activity if rng.random() < 0.8 else int(activity * 2 ** rng.normal(0, 3)),
         place_activity=_activities(events, activity, rng),
         place_bias=bias_of(typical) if rng.random() < 0.7 else _biases(design, rng),
     )  # fmt: skip
-    return _at_threshold(case, rng)
 
 
 def _rates(

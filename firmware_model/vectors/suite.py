@@ -26,7 +26,7 @@ from firmware_model.vectors.case import NONE, Case, in_order, records, to_binary
 from firmware_model.vectors.corners import corner_cases
 from firmware_model.vectors.coverage import CORNERS, coverage, watched_trace
 from firmware_model.vectors.facts import FILTER_CORNERS
-from firmware_model.vectors.filter_suite import filter_cases
+from firmware_model.vectors.filter_suite import drive_cases, filter_cases
 from firmware_model.vectors.formats import Table
 from firmware_model.vectors.manifest import (
     MANIFEST,
@@ -229,7 +229,9 @@ def standard_suites(design: Design, seed: int, only: str | None = None) -> dict[
     rng = np.random.default_rng(seed)
     makers: dict[str, Callable[[], list[Case]]] = {
         "corners": lambda: corner_cases(design),
-        "random": lambda: [*random_cases(design, rng), *window_cases(design, rng)],
+        "random": lambda: [
+            *random_cases(design, rng), *window_cases(design, rng), *drive_cases(design, rng)
+        ],
     }
     if design.pauses:
         makers["filter"] = lambda: filter_cases(design, seed)
