@@ -34,6 +34,7 @@ OF_ROOT = {
 
 _LINK = re.compile(r"\[([^\[\]]*)\]\(([^)#\s]+)((?:#[^)\s]*)?)\)")
 _FENCE = re.compile(r"(^```.*?^```$)", re.MULTILINE | re.DOTALL)
+_CODE = re.compile(r"(?<!</span>)<code>[^<]*</code>")
 
 
 @dataclass(frozen=True)
@@ -179,7 +180,7 @@ def on_page_markdown(markdown: str, *, page: Page, config: MkDocsConfig, files: 
         elif path.startswith("docs/"):
             inside = path.removeprefix("docs/")
         elif (ROOT / path).exists():
-            return f"{text} (`{path}`)"
+            return f"`{path}`" if text.strip("`") == path else f"{text} (`{path}`)"
         else:
             raise PluginError(f"{here} leads to {target}, which is not there")
         return f"[{text}]({posixpath.relpath(inside, posixpath.dirname(here) or '.')}{after})"
@@ -187,6 +188,15 @@ def on_page_markdown(markdown: str, *, page: Page, config: MkDocsConfig, files: 
     # what follows the language of a block is for the tests
     parts = _FENCE.split(re.sub(r"^(```\w+) [^\n]*$", r"\1", markdown, flags=re.MULTILINE))
     return "".join(part if i % 2 else _LINK.sub(led, part) for i, part in enumerate(parts))
+
+
+def on_page_content(html: str, **_: Any) -> str:
+    """Keep flags, and numbers with their spread, on one line."""
+
+    def whole(code: re.Match[str]) -> str:
+        return re.sub(r"--[a-z][a-z-]*", r'<span class="whole">\g<0></span>', code[0])
+
+    return _CODE.sub(whole, html.replace(" ± ", "\u00a0±\u00a0"))
 
 
 def _objects(stage: Stage) -> Iterable[tuple[str, str]]:
