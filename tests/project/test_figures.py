@@ -31,7 +31,7 @@ def test_what_a_match_costs_is_what_estimate_says(prose, capsys):
     second = estimate["sizes"]["place_bytes"] * estimate["design"]["places_per_window"]
     said = (
         f"A second of the route takes {second} bytes, packed. On a Cortex-M4, whose firmware keeps "
-        f"a byte per code, a route of 500 s takes {flash:.0f} KiB of flash and {ram:.0f} KiB of "
+        f"a byte per code, a route of 500 s, 1,000 places, takes {flash:.0f} KiB of flash and {ram:.0f} KiB of "
         f"RAM, and a match {1e3 * of['load']['central']:.0f} ms and "
         f"{1e3 * of['per_match_j']['central']:.1f} mJ at 100,000 events per second"
     )
@@ -49,7 +49,7 @@ def test_other_light_is_that_of_the_table_of_rivals(prose):
     (theirs,) = (row for row in rows if row["system"].startswith("patch-normalised"))
     assert int(theirs["bytes per place"]) > 20 * int(ours["bytes per place"])
     assert (
-        f"By day, on a map of the sunset, {float(ours['P@100R']):.2f} of the live matches are "
+        f"In Brisbane by day, on a map of the sunset, {float(ours['P@100R']):.2f} of the live matches are "
         f"correct, but hardly any is accepted. Patch normalisation finds only "
         f"{float(theirs['P@100R']):.2f}, and takes many times the bytes."
     ) in prose
