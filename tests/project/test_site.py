@@ -99,9 +99,22 @@ def test_the_reference_holds_every_public_name(site):
 
 @pytest.mark.slow
 def test_text_becomes_what_its_author_saw_on_github(site):
-    """A marked block is code."""
+    """A marked block is code, and so is an example of a docstring; a step is one of its list."""
     for page in site.glob("*.html"):
-        assert "```" not in page.read_text(), page.name
+        text = page.read_text()
+        assert "```" not in text, page.name
+        assert re.findall(r"<p>[0-9]+\. ", text) == [], page.name
+    for page in site.glob("api/*.html"):
+        text = page.read_text()
+        assert "```" not in text, page.name
+        assert "<blockquote>" not in text, page.name
+
+
+@pytest.mark.slow
+def test_no_flag_and_no_spread_of_a_number_is_broken(site):
+    text = (site / "will_it_work.html").read_text()
+    assert "0.940\u00a0±\u00a00.048" in text
+    assert '<span class="whole">--precision</span> 0.99' in text
 
 
 @pytest.mark.slow

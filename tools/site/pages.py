@@ -17,6 +17,8 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
+from markdown import Extension, Markdown
+from markdown.preprocessors import Preprocessor
 from mkdocs.config.defaults import MkDocsConfig
 from mkdocs.exceptions import PluginError
 from mkdocs.structure.files import File, Files
@@ -140,8 +142,37 @@ STAGES = {
 }
 
 
+class _Examples(Preprocessor):
+    """Doctests of docstrings as code: in Markdown, ``>>>`` begins three nested quotations."""
+
+    def run(self, lines: list[str]) -> list[str]:
+        """Put a fence around each doctest that has none."""
+        shown: list[str] = []
+        fenced = example = False
+        for line in lines:
+            fenced ^= line.lstrip().startswith("```")
+            if line.startswith(">>> ") and not (fenced or example):
+                shown += ["", "```pycon"]
+                example = True
+            elif example and not line.strip():
+                shown += ["```"]
+                example = False
+            shown.append(line)
+        return shown + ["```"] * example
+
+
+class _Doctests(Extension):
+    """Runs `_Examples` before the fences are read."""
+
+    def extendMarkdown(self, md: Markdown) -> None:  # noqa: N802
+        """Register the step."""
+        before_fences = 30
+        md.preprocessors.register(_Examples(md), "doctests", before_fences)
+
+
 def on_config(config: MkDocsConfig) -> MkDocsConfig:
-    """Put the pages of the Python reference behind its first page."""
+    """Show examples as code, and put the pages of the Python reference behind its first page."""
+    config.markdown_extensions.append(_Doctests())
     pages = [{stage.title: f"api/{name}.md"} for name, stage in STAGES.items()]
     for part in config.nav or ():
         for page in part.get("Project", ()) if isinstance(part, dict) else ():
