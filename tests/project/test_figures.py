@@ -31,8 +31,8 @@ def test_what_a_match_costs_is_what_estimate_says(prose, capsys):
     second = estimate["sizes"]["place_bytes"] * estimate["design"]["places_per_window"]
     said = (
         f"A second of the route takes {second} bytes, packed. On a Cortex-M4, whose firmware keeps "
-        f"a byte per code, a route of 500 s, 1,000 places, takes {flash:.0f} KiB of flash and {ram:.0f} KiB of "
-        f"RAM, and a match {1e3 * of['load']['central']:.0f} ms and "
+        f"a byte per code, a route of 500 s, 1,000 places, takes {flash:.0f} KiB of flash "
+        f"and {ram:.0f} KiB of RAM, and a match {1e3 * of['load']['central']:.0f} ms and "
         f"{1e3 * of['per_match_j']['central']:.1f} mJ at 100,000 events per second"
     )
     assert said in re.sub(r"\[([^\]]*)\]\([^)]*\)", r"\1", prose)
@@ -49,8 +49,8 @@ def test_other_light_is_that_of_the_table_of_rivals(prose):
     (theirs,) = (row for row in rows if row["system"].startswith("patch-normalised"))
     assert int(theirs["bytes per place"]) > 20 * int(ours["bytes per place"])
     assert (
-        f"In Brisbane by day, on a map of the sunset, {float(ours['P@100R']):.2f} of the live matches are "
-        f"correct, but hardly any is accepted. Patch normalisation finds only "
+        f"In Brisbane by day, on a map of the sunset, {float(ours['P@100R']):.2f} of the live "
+        f"matches are correct, but hardly any is accepted. Patch normalisation finds only "
         f"{float(theirs['P@100R']):.2f}, and takes many times the bytes."
     ) in prose
 
