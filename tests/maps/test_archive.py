@@ -11,7 +11,6 @@ from edge_vpr import archive as archive_module
 from edge_vpr.archive import read_archive, read_members, write_archive
 from edge_vpr.errors import MapError, UsageError
 from edge_vpr.events import make_events
-from edge_vpr.files import replacing
 from tests.maps.saved_files import same_contents
 
 
@@ -20,21 +19,6 @@ def test_what_was_written_is_read(tmp_path):
     arrays, meta = read_archive(tmp_path / "a.npz", "thing")
     assert arrays["x"].tolist() == [0, 1, 2]
     assert meta == {"name": "n"}
-
-
-def test_an_interrupted_write_leaves_the_old_file_and_no_other(tmp_path):
-    path = tmp_path / "a.npz"
-    path.write_text("old")
-
-    def interrupted():
-        with replacing(path) as temporary:
-            temporary.write_text("half")
-            raise KeyboardInterrupt
-
-    with pytest.raises(KeyboardInterrupt):
-        interrupted()
-    assert path.read_text() == "old"
-    assert list(tmp_path.iterdir()) == [path]
 
 
 def test_a_folder_that_does_not_exist_is_wrong_use(tmp_path):

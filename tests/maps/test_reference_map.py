@@ -156,18 +156,6 @@ def test_a_map_of_own_pixels_counts_those(folder):
         )
 
 
-def test_a_slice_of_time_is_the_recording_between_two_moments(folder):
-    events = events_of(0)
-    times = events["t"]
-    for start, end in ((0.5, 1.25), (None, 1), (1.5, None), ("1/3", "0.75")):
-        part = join_events(list(ev.open_recording(folder / "monday.npz", start=start, end=end)))
-        first = 0 if start is None else round(1e6 * (1 / 3 if start == "1/3" else start))
-        last = 2_000_000 if end is None else round(1e6 * float(end))
-        kept = (times >= first) & (times < last)
-        assert part["t"].tolist() == (times[kept] - first).tolist()
-        assert np.array_equal(part["x"], events["x"][kept])
-
-
 def test_a_result_is_evaluated_by_tracks_or_by_a_truth(folder, route):
     result = route.match(folder / "tuesday.npz")
     tracks = [folder / "monday.csv", folder / "tuesday.csv"]
@@ -292,15 +280,6 @@ def test_settings_that_leave_the_places_open_take_those_of_the_map(folder, route
         assert made.matched_with(auto) == made
 
 
-def test_a_localiser_of_a_map_gives_what_online_matching_gives(folder, route):
-    localiser = route.localiser("20ms")
-    recording = Drive(events_of(1), SENSOR)
-    rows = [localiser.update(events) for events in recording]
-    online = route.match(recording, every="20ms").matches
-    # without bursts, cleaning hands on the same events
-    assert np.concatenate(rows)["place"].tolist() == online.place.tolist()[: sum(map(len, rows))]
-
-
 def test_names_of_a_match_are_the_same_in_every_form(folder, route, tmp_path):
     """As docs/outputs.md lists them: arrays have whole microseconds, all else has seconds."""
     pytest.importorskip("pandas", reason="pandas is an extra")
@@ -322,9 +301,10 @@ def test_names_of_a_match_are_the_same_in_every_form(folder, route, tmp_path):
     assert set(shared) <= {name.replace("_us", "_s") for name in MATCH_DTYPE.names}
     for name in TABLE:
         assert len(getattr(result.matches, name)) == len(result)
+    assert [float(row["time_s"]) for row in in_csv] == (result.matches.time_us / 1e6).tolist()
     n = min(len(lines), len(in_csv))
     assert n > 10
-    for name in ("place", "distance", "second", "second_distance", "trust"):
+    for name in ("place", "distance", "second", "second_distance", "ratio", "trust"):
         texts = ["-1" if name == "second" and not row[name] else row[name] for row in in_csv[:n]]
         assert [float(text or "nan") for text in texts] == pytest.approx(
             [np.nan if line[name] is None else line[name] for line in lines[:n]], nan_ok=True

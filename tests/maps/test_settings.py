@@ -86,16 +86,6 @@ def test_a_missing_file_and_an_unknown_preset_are_wrong_use(tmp_path):
         resolve_settings("huge")
 
 
-def test_the_flags_of_a_counter_code_reach_the_settings():
-    parser = argparse.ArgumentParser()
-    add_map_flags(parser)
-    flags = "--counter-code log --counter-bits 4 --counter-scaling shared"
-    settings = map_settings(parser.parse_args(flags.split()))
-    settings = settings.counter_code, settings.counter_bits, settings.counter_scaling
-    assert settings == ("log", 4, "shared")
-    assert map_settings(parser.parse_args([])) == PRESETS["default"]
-
-
 ALL_FLAGS = {  # a value other than the preset's, as the flag takes it
     "pixels": "7",
     "strategy": "random",

@@ -201,17 +201,19 @@ def test_no_error_names_the_hidden_folder(tmp_path, monkeypatch, inner):
     assert ".part" not in str(told.value)
 
 
-def test_an_error_in_the_block_leaves_the_old_folder(tmp_path):
-    write_folder(tmp_path / "results", "old")
+@pytest.mark.parametrize("kind", ["file", "folder"])
+def test_an_error_in_the_block_leaves_what_was_there(tmp_path, kind):
+    path = tmp_path / "results"
+    (write if kind == "file" else write_folder)(path, "old")
 
     def fails():
-        with replacing_folder(tmp_path / "results") as folder:
-            (folder / "half").write_text("half")
+        with (replacing if kind == "file" else replacing_folder)(path) as made:
+            (made if kind == "file" else made / "half").write_text("half")
             raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
         fails()
-    assert read_folder(tmp_path / "results") == "old"
+    assert (path.read_text() if kind == "file" else read_folder(path)) == "old"
     assert len(list(tmp_path.iterdir())) == 1
 
 

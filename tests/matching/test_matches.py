@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 
 import numpy as np
 import pytest
@@ -15,7 +14,7 @@ from edge_vpr.evaluation.metrics import evaluate
 from edge_vpr.evaluation.tracks import Track
 from edge_vpr.matching import sequences
 from edge_vpr.matching.drive import match_descriptors
-from edge_vpr.matching.matches import CANDIDATES, Matches, write_csv
+from edge_vpr.matching.matches import CANDIDATES
 from edge_vpr.settings import Settings
 from tests import naive
 from tests.maps import saved_files
@@ -72,35 +71,6 @@ def test_the_ratio_is_one_in_doubt_and_not_a_number_without_a_second():
     assert alone.second.tolist() == [-1]
     assert np.isnan(alone.ratio).all()
     assert np.isnan(alone.second_distance).all()
-
-
-def test_matches_come_back_from_disk_as_they_were(tmp_path):
-    rng = np.random.default_rng(0)
-    settings = Settings(sequence_length=3)
-    matches = match_descriptors(
-        descriptors(rng.integers(0, 9, (30, 5))), descriptors(rng.integers(0, 9, (9, 5))), settings
-    )
-    matches.save(tmp_path / "matches.npz")
-    again = Matches.load(tmp_path / "matches.npz")
-    assert again.settings == matches.settings
-    assert again.places_in_map == 30
-    for name in ("query", "time_us", "place", "distance_sum", "second", "candidates", "ties"):
-        assert np.array_equal(getattr(again, name), getattr(matches, name)), name
-
-
-def test_the_table_says_per_query_what_the_arrays_say(tmp_path):
-    rng = np.random.default_rng(0)
-    settings = Settings(sequence_length=2)
-    matches = match_descriptors(
-        descriptors(rng.integers(0, 9, (30, 5))), descriptors(rng.integers(0, 9, (9, 5))), settings
-    )
-    write_csv(tmp_path / "matches.csv", matches)
-    with (tmp_path / "matches.csv").open(newline="") as file:
-        rows = list(csv.DictReader(file))
-    assert [int(row["place"]) for row in rows] == matches.place.tolist()
-    assert [int(row["second"]) for row in rows] == matches.second.tolist()
-    assert [float(row["time_s"]) for row in rows] == (matches.time_us / 1e6).tolist()
-    assert np.allclose([float(row["ratio"]) for row in rows], matches.ratio, atol=1e-6)
 
 
 def test_descriptors_of_other_lengths_are_refused():

@@ -35,18 +35,12 @@ def write(folder, text, name="file.csv"):
     return folder / name
 
 
-def test_a_table_of_distance_is_read_to_the_millimetre(tmp_path):
-    odometry = load_odometry(write(tmp_path, "time_s,distance_m\n0,1\n0.1,1.0015\n2,-3\n"))
-    assert odometry.time_us.tolist() == [0, 100_000, 2_000_000]
-    assert odometry.distance_mm.tolist() == [1000, 1002, -3000]
-
-
 def test_a_table_in_memory_is_the_odometry_of_its_file(tmp_path):
     table = {"time_s": [0, 0.1, 2], "distance_m": [1, 1.0015, -3]}
     odometry = load_odometry(table)
     expected = load_odometry(write(tmp_path, "time_s,distance_m\n0,1\n0.1,1.0015\n2,-3\n"))
-    assert odometry.time_us.tolist() == expected.time_us.tolist()
-    assert odometry.distance_mm.tolist() == expected.distance_mm.tolist()
+    assert odometry.time_us.tolist() == expected.time_us.tolist() == [0, 100_000, 2_000_000]
+    assert odometry.distance_mm.tolist() == expected.distance_mm.tolist() == [1000, 1002, -3000]
     with pytest.raises(GroundTruthError, match=r"^the odometry data has the header 'time_s,x_m'"):
         load_odometry({"time_s": [0, 1], "x_m": [0, 1]})
 
@@ -102,22 +96,6 @@ def test_the_way_of_a_window_lies_between_its_last_reading_and_that_of_the_windo
     # a reading at 10 is in the window that begins there; the fourth window has none
     assert measured.tolist() == [False, True, True, False, False, True]
     assert travelled[measured].tolist() == driven[measured].tolist() == [2, 4, 16]
-
-
-def test_short_distances_count_once_they_add_up_to_a_place():
-    odometry = Odometry(np.arange(5, 105, 10), np.array([0, 3, 6, 9, 9, 12, 8, 9, 14, 13]))
-    travelled, driven, measured = odometry.of_windows(np.arange(10, 110, 10), 8)
-    # with places 8 apart, half of that in one window counts at once, and what was held with it
-    assert travelled.tolist() == [0, 0, 0, 9, 0, 0, -1, 0, 6, 0]
-    assert driven.tolist() == [0, 3, 3, 3, 0, 3, -4, 1, 5, -1]
-    assert measured.tolist() == [False, *[True] * 9]
-    # windows without a reading, or after one without, hold it on
-    gap = Odometry(np.array([5, 15, 45, 55]), np.array([0, 3, 90, 99]))
-    travelled, _, measured = gap.of_windows(np.arange(10, 70, 10), 8)
-    assert travelled[measured].tolist() == [0, 12]
-    gap = Odometry(np.array([5, 15, 45, 55]), np.array([0, 3, 90, 93]))
-    travelled, _, measured = gap.of_windows(np.arange(10, 70, 10), 8)
-    assert travelled[measured].tolist() == [0, 0]
 
 
 @given(seed=st.integers(0, 2**32), spacing=st.integers(1, 20))
@@ -188,16 +166,6 @@ def test_a_robot_at_a_quarter_of_the_speed_of_the_map_moves_on_among_places_that
         odometry=Odometry(times, np.arange(path.size, dtype=np.int64) * 500),
     )  # fmt: skip
     assert (np.abs(matched.place - path) <= 1).mean() > 0.9
-
-
-def test_a_map_keeps_its_way(tmp_path):
-    reference = replace(
-        map_of_places(np.ones((4, len(PIXELS)), dtype=np.int64)),
-        odometer_mm=np.arange(4) * 10,
-    )
-    reference.save(tmp_path / "map.npz")
-    again = ReferenceMap.load(tmp_path / "map.npz")
-    assert again.along_mm.tolist() == [0, 10, 20, 30]
 
 
 @pytest.mark.parametrize(

@@ -13,7 +13,7 @@ from numba import config
 from edge_vpr.errors import UsageError
 from edge_vpr.events import join_events, make_events
 from edge_vpr.map_making import coded_map, describe_query
-from edge_vpr.matching.drive import match_descriptors, match_query
+from edge_vpr.matching.drive import match_query
 from edge_vpr.online.localiser import Localiser
 from edge_vpr.online.odometry_feed import OdometryFeed
 from edge_vpr.online.schedule import MatchSchedule
@@ -29,7 +29,7 @@ from firmware_model.specification_drive import (
 from fixedpoint.activity import SUMS
 from tests import naive
 from tests.filter_oracle import drive_of, events_that_count, row_of_match, running_codes
-from tests.online.test_localiser import PIXEL_MAP, PIXELS, SENSOR, feed, feed_checked
+from tests.online.test_localiser import PIXEL_MAP, PIXELS, SENSOR, feed_checked
 from tests.streams import Drive, as_tuples, cut_up, descriptors, random_events, with_sums
 
 #: in plain Python, which takes a hundred times as long, the same properties with fewer draws
@@ -117,13 +117,14 @@ def test_every_match_equals_the_oracle_however_the_stream_is_cut(
     assert without_ratio(matches) == oracle_after_each_event(reference, events)
 
 
+@pytest.mark.parametrize("with_odometry", [False, True])
 @given(
     seed=st.integers(0, 2**32),
     per_window=st.sampled_from([1, 2]),
     pieces=st.integers(1, 5),
 )
 @settings(max_examples=EXAMPLES)
-def test_at_window_ends_it_says_what_the_batch_says(seed, per_window, pieces):
+def test_at_window_ends_it_says_what_the_batch_says(with_odometry, seed, per_window, pieces):
     rng = np.random.default_rng(seed)
     reference = random_map(rng, 30, 9, tau_us=100, places_per_window=per_window)
     # from time to time the camera stands
@@ -135,9 +136,14 @@ def test_at_window_ends_it_says_what_the_batch_says(seed, per_window, pieces):
         times, rng.integers(0, SENSOR.width, 800), rng.integers(0, SENSOR.height, 800), [0] * 800
     )
     queries = describe_query(reference, Drive(events, SENSOR))
-    batch = match_descriptors(reference.places, queries, reference.settings)
+    odometry = None
+    if with_odometry:
+        reference, odometry = with_ways(rng, reference), random_odometry(rng, int(times[-1]) + 1)
+    batch = match_query(reference, queries, odometry)
     localiser = Localiser(reference, every=MatchSchedule.window(reference.settings))
-    live = feed(localiser, cut_up(rng, events, pieces))[: len(batch)]
+    fed = OdometryFeed(localiser, odometry)
+    rows = [row for piece in cut_up(rng, events, pieces) for row in fed.update(piece)]
+    live = np.concatenate(rows)[: len(batch)]
     for theirs, ours in (
         (batch.place, live["place"]),
         (batch.distance, live["distance"]),
@@ -160,29 +166,6 @@ def with_ways(rng, reference):
     """A map with a distance to each place."""
     way = np.cumsum(rng.integers(1, 999, len(reference))).astype(np.int64)
     return replace(reference, odometer_mm=way)
-
-
-@given(
-    seed=st.integers(0, 2**32),
-    per_window=st.sampled_from([1, 2]),
-    pieces=st.integers(1, 5),
-)
-@settings(max_examples=EXAMPLES)
-def test_with_odometry_it_says_at_window_ends_what_the_batch_says(seed, per_window, pieces):
-    rng = np.random.default_rng(seed)
-    reference = with_ways(rng, random_map(rng, 30, 9, tau_us=100, places_per_window=per_window))
-    events = random_events(rng, 800, SENSOR, 2_000)
-    odometry = random_odometry(rng, 2_000)
-    queries = describe_query(reference, Drive(events, SENSOR))
-    batch = match_query(reference, queries, odometry)
-    localiser = Localiser(reference, every=MatchSchedule.window(reference.settings))
-    fed = OdometryFeed(localiser, odometry)
-    rows = [row for piece in cut_up(rng, events, pieces) for row in fed.update(piece)]
-    live = np.concatenate(rows)[: len(batch)]
-    assert batch.place.tolist() == live["place"].tolist()
-    assert batch.distance.tolist() == live["distance"].tolist()
-    assert batch.trust.tolist() == live["trust"].tolist()
-    assert batch.misfit.tolist() == live["misfit"].tolist()
 
 
 def test_with_odometry_the_cut_of_the_stream_and_a_saved_state_change_nothing(tmp_path):
