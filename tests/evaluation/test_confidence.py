@@ -170,12 +170,6 @@ def test_a_damaged_table_is_refused(arrays, says):
         Confidence.from_arrays({**whole, **arrays})
 
 
-def test_the_shipped_table_is_of_this_format_and_says_where_it_comes_from():
-    shipped = default_confidence()
-    assert len(shipped.trust) > 10 and shipped.matches.sum() > 10_000
-    assert shipped.probability[0] < 0.5 and shipped.least_trust(0.99) > shipped.least_trust(0.9)
-
-
 @given(st.lists(st.tuples(st.floats(0, 1), st.booleans()), min_size=1, max_size=40))
 def test_the_calibration_error_is_the_oracles(pairs):
     p, correct = [p for p, _ in pairs], [c for _, c in pairs]

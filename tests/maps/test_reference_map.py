@@ -288,6 +288,7 @@ def test_names_of_a_match_are_the_same_in_every_form(folder, route, tmp_path):
     with (tmp_path / "results/matches.csv").open(newline="") as file:
         in_csv = list(csv.DictReader(file))
     frame = result.to_frame()
+    assert frame["time_s"].tolist() == (result.matches.time_us / 1e6).tolist()
     (tmp_path / "sent.bin").write_bytes(open_encoder("evpr", SENSOR).encode(events_of(1)))
     with LiveSession(
         tmp_path / "sent.bin", protocol="evpr", reference=route, every="100ms", precision=0.2
