@@ -2,15 +2,20 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
 
+from edge_vpr.descriptors.pixels import PixelMap
 from edge_vpr.descriptors.windows import Descriptors, narrow
 from edge_vpr.events import Events, Sensor, join_events, make_events
 from edge_vpr.live.protocols import Health
+from edge_vpr.map_making import coded_map
 from edge_vpr.recordings import Recording, open_recording, write_recording
+from edge_vpr.reference_map import ReferenceMap
+from edge_vpr.settings import Settings
 
 
 def random_events(rng: np.random.Generator, n: int, sensor: Sensor, duration_us: int) -> Events:
@@ -54,6 +59,13 @@ def descriptors(counts) -> Descriptors:
     start = np.arange(len(counts), dtype=np.int64) * 1_000
     events = counts.sum(axis=1).astype(np.int64)
     return Descriptors(narrow(counts), start, start + 1_000, events)
+
+
+def map_of_counts(pixels: PixelMap, counts, settings: Settings, **more) -> ReferenceMap:
+    """A map whose places have these counts, shape (K, J), coded as the settings say."""
+    figures = np.zeros((pixels.sensor.height, pixels.sensor.width), dtype=np.float32)
+    counted = ReferenceMap(settings.uncoded, pixels, descriptors(counts), figures, figures > 0)
+    return replace(coded_map(counted, settings), **more)
 
 
 def with_sums(matches, length: int = 1):

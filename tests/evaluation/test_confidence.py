@@ -42,7 +42,6 @@ from edge_vpr.evaluation.metrics import auroc, evaluate_rejection
 from edge_vpr.events import Sensor, join_events
 from edge_vpr.learning import align
 from edge_vpr.live.protocols import open_encoder
-from edge_vpr.map_making import coded_map
 from edge_vpr.matching.drive import match_descriptors
 from edge_vpr.matching.matches import Matches
 from edge_vpr.online.localiser import Localiser
@@ -51,7 +50,7 @@ from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.settings import PRESETS, SETTING_FIELDS, Settings
 from firmware_model.specification_drive import confidence_of
 from tests import naive
-from tests.streams import Drive, descriptors, random_events
+from tests.streams import Drive, descriptors, map_of_counts, random_events
 
 SENSOR = Sensor(16, 12)
 outcomes = st.lists(st.tuples(st.integers(0, 8), st.booleans()), min_size=1, max_size=60)
@@ -215,13 +214,9 @@ def test_a_precision_is_a_share_below_one(precision):
 
 
 def a_map(settings, **more):
-    rng = np.random.default_rng(1)
     pixels = PixelMap(SENSOR, np.array([0, 5, 2]), np.array([0, 4, 3]))
-    figures = np.zeros((SENSOR.height, SENSOR.width), dtype=np.float32)
-    places = descriptors(rng.integers(0, 6, (20, 3)))
-    counted = ReferenceMap(settings.uncoded, pixels, places, figures, figures > 0)
-    coded = coded_map(counted, settings) if settings.own_mean_code else counted
-    return replace(coded, **more)
+    counts = np.random.default_rng(1).integers(0, 6, (20, 3))
+    return map_of_counts(pixels, counts, settings, **more)
 
 
 CODED = Settings(
@@ -441,7 +436,7 @@ def test_calibrating_stores_probabilities_that_later_matches_have(tmp_path, caps
 def a_pair():
     settings = PRESETS["paper"].replaced({"pixels": 3, "sequence_length": 1}, "test")
     reference = a_map(settings)
-    counted = reference.places
+    counted = descriptors(reference.places.counts)
     return MappedPair(
         reference, counted, GroundTruth(np.eye(20, dtype=bool), np.ones(20, bool), "same")
     )

@@ -28,6 +28,7 @@ from edge_vpr.evaluation.track_files import load_track
 from edge_vpr.evaluation.tracks import Track, great_circle, interpolate
 from edge_vpr.route import EARTH_RADIUS_M
 from tests import naive
+from tests.maps.saved_files import checksum
 
 SECOND = 1_000_000
 
@@ -106,10 +107,7 @@ def test_a_track_that_is_none_says_what_is_wrong(arguments, message):
 
 def sentence(body: str) -> str:
     """Frame a sentence with its checksum."""
-    checksum = 0
-    for character in body:
-        checksum ^= ord(character)
-    return f"${body}*{checksum:02X}\r\n"
+    return f"${body}*{checksum(body):02X}\r\n"
 
 
 def angle(degrees: float, digits: int) -> str:

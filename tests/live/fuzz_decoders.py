@@ -13,16 +13,14 @@ from functools import cache
 import numpy as np
 
 from edge_vpr.descriptors.pixels import PixelMap
-from edge_vpr.descriptors.windows import Descriptors
 from edge_vpr.events import Sensor, make_events
 from edge_vpr.live.protocols import open_decoder, open_encoder
 from edge_vpr.live.rehearsal import rehearse
 from edge_vpr.live.stream_matcher import StreamMatcher
 from edge_vpr.online.schedule import MatchSchedule
-from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.settings import Settings
 from tests.live.devices import DEVICES
-from tests.streams import balanced
+from tests.streams import balanced, map_of_counts
 
 #: a host, and a device that it may listen to: those of all tests, and what else is worth a run
 PAIRS = (
@@ -75,15 +73,9 @@ def a_map():
     """A small map, on which what comes out of a decoder is matched."""
     rng = np.random.default_rng(3)
     flat = rng.choice(SENSOR.pixels, 40, replace=False)
-    times, image = np.arange(21) * 10_000, np.zeros((128, 128), dtype=np.float32)
-    counts = rng.poisson(3, (20, 40)).astype(np.uint8)
-    return ReferenceMap(
-        Settings(pixels=40, tau_us=10_000, sequence_length=3),
-        PixelMap(SENSOR, flat % 128, flat // 128),
-        Descriptors(counts, times[:-1], times[1:], counts.sum(axis=1, dtype=np.int64)),
-        image,
-        image > 0,
-    )
+    pixels = PixelMap(SENSOR, flat % 128, flat // 128)
+    settings = Settings(pixels=40, tau_us=10_000, sequence_length=3)
+    return map_of_counts(pixels, rng.poisson(3, (20, 40)), settings)
 
 
 @cache

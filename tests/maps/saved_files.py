@@ -22,7 +22,6 @@ from edge_vpr.evaluation.tables import load_odometry
 from edge_vpr.evaluation.track_files import load_track
 from edge_vpr.events import Sensor
 from edge_vpr.live.protocols.aer import read_layout
-from edge_vpr.map_making import coded_map
 from edge_vpr.matching.drive import match_descriptors
 from edge_vpr.matching.matches import Matches
 from edge_vpr.online.localiser import Localiser
@@ -31,7 +30,7 @@ from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.route import Route
 from edge_vpr.settings import Settings, resolve_settings
 from firmware_model.design import Design
-from tests.streams import descriptors, random_events
+from tests.streams import descriptors, map_of_counts, random_events
 
 SENSOR = Sensor(6, 5)
 PIXELS = PixelMap(SENSOR, np.array([0, 5, 2, 1]), np.array([0, 4, 3, 0]))
@@ -52,9 +51,7 @@ def map_of(
     settings = settings.replaced(variant, "test")
     if largest is None:
         largest = int(rng.choice([3, 20, 300, 70_000]))
-    places = descriptors(rng.integers(0, largest + 1, (int(rng.integers(3, 12)), 4)))
-    figures = np.zeros((SENSOR.height, SENSOR.width), dtype=np.float32)
-    counted = ReferenceMap(settings.uncoded, PIXELS, places, figures, figures > 0)
+    places = rng.integers(0, largest + 1, (int(rng.integers(3, 12)), 4))
     confidence = Confidence(
         np.array([-5, 40, 2_000]), np.array([0.2, 0.5, 0.95]), np.array([9, 8, 200])
     )
@@ -62,7 +59,7 @@ def map_of(
     along[0] = 0.0
     position = np.stack([along, -along], axis=1)
     route = Route(position, along, "metric")
-    return replace(coded_map(counted, settings), confidence=confidence, route=route)
+    return map_of_counts(PIXELS, places, settings, confidence=confidence, route=route)
 
 
 def same_contents(read: tuple[Arrays, object], expected: tuple[Arrays, object]) -> bool:

@@ -20,18 +20,17 @@ from edge_vpr.recordings import write_recording
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.route import Route
 from edge_vpr.settings import Settings
-from tests.streams import descriptors, random_events
+from tests.streams import map_of_counts, random_events
 
 SENSOR = Sensor(16, 12)
 
 
 def a_map(places):
     pixels = PixelMap(SENSOR, np.array([0, 5]), np.array([0, 4]))
-    figures = np.zeros((SENSOR.height, SENSOR.width), dtype=np.float32)
-    described = descriptors(np.ones((places, 2)))
+    made = map_of_counts(pixels, np.ones((places, 2)), Settings(pixels=2))
     seconds = np.arange(places, dtype=np.int64) * 1_000_000
-    described = replace(described, start_us=seconds, end_us=seconds + 1_000_000)
-    return ReferenceMap(Settings(pixels=2), pixels, described, figures, figures > 0)
+    timed = replace(made.places, start_us=seconds, end_us=seconds + 1_000_000)
+    return replace(made, places=timed)
 
 
 def test_a_place_is_where_the_drive_was_in_the_middle_of_its_window(tmp_path):

@@ -16,18 +16,16 @@ from edge_vpr.errors import EdgeVprWarning, GroundTruthError, MapError, UsageErr
 from edge_vpr.evaluation.tables import load_odometry
 from edge_vpr.evaluation.tracks import Track
 from edge_vpr.events import Sensor
-from edge_vpr.map_making import coded_map
 from edge_vpr.matching.drive import match_descriptors
 from edge_vpr.matching.place_filter import PlaceFilter
 from edge_vpr.matching.prediction import TransitionCosts, Transitions
 from edge_vpr.recordings import write_recording
-from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.route import MOST_MM, Odometry, Route
 from edge_vpr.settings import Settings
 from edge_vpr.simulation.drive import wheel_odometry
 from firmware_model.specification_drive import anchored
-from tests.online.test_localiser import PIXEL_MAP, PIXELS, SENSOR
-from tests.streams import descriptors, random_events
+from tests.online.test_localiser import PIXEL_MAP, PIXELS
+from tests.streams import descriptors, map_of_counts, random_events
 
 
 def write(folder, text, name="file.csv"):
@@ -130,10 +128,8 @@ def test_readings_that_cannot_be_are_refused(time_us, distance_mm, message):
 
 
 def map_of_places(counts, **changes):
-    figures = np.zeros((SENSOR.height, SENSOR.width), dtype=np.float32)
     settings = Settings(pixels=len(PIXELS), matching="filter", **changes)
-    counted = ReferenceMap(settings.uncoded, PIXEL_MAP, descriptors(counts), figures, figures > 0)
-    return coded_map(counted, settings)
+    return map_of_counts(PIXEL_MAP, counts, settings)
 
 
 def test_places_that_look_alike_are_told_apart_by_the_way():

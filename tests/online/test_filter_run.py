@@ -12,12 +12,11 @@ from numba import config
 
 from edge_vpr.errors import UsageError
 from edge_vpr.events import join_events, make_events
-from edge_vpr.map_making import coded_map, describe_query
+from edge_vpr.map_making import describe_query
 from edge_vpr.matching.drive import match_query
 from edge_vpr.online.localiser import Localiser
 from edge_vpr.online.odometry_feed import OdometryFeed
 from edge_vpr.online.schedule import MatchSchedule
-from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.route import Odometry
 from edge_vpr.settings import Settings
 from firmware_model.specification_drive import (
@@ -30,22 +29,18 @@ from fixedpoint.activity import SUMS
 from tests import naive
 from tests.filter_oracle import drive_of, events_that_count, row_of_match, running_codes
 from tests.online.test_localiser import PIXEL_MAP, PIXELS, SENSOR, feed_checked
-from tests.streams import Drive, as_tuples, cut_up, descriptors, random_events, with_sums
+from tests.streams import Drive, as_tuples, cut_up, map_of_counts, random_events, with_sums
 
 #: in plain Python, which takes a hundred times as long, the same properties with fewer draws
 EXAMPLES = 10 if config.DISABLE_JIT else 40
 
 
 def map_of(counts, **changes):
-    figures = np.zeros((SENSOR.height, SENSOR.width))
     chosen = Settings(
         pixels=len(PIXELS), remove_bursts=False, matching="filter", counter_code="log",
         counter_scaling="contrast",
     ).replaced(changes, "test")  # fmt: skip
-    counted = ReferenceMap(
-        chosen.uncoded, PIXEL_MAP, descriptors(counts), figures.astype(np.float32), figures > 0
-    )
-    return coded_map(counted, chosen)
+    return map_of_counts(PIXEL_MAP, counts, chosen)
 
 
 def oracle_after_each_event(reference, events):

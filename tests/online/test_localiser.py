@@ -19,7 +19,6 @@ from edge_vpr.matching.match import MATCH_DTYPE
 from edge_vpr.online.localiser import Localiser, check_extent
 from edge_vpr.online.schedule import MatchSchedule
 from edge_vpr.online.sliding_windows import recount, with_distances
-from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.settings import Settings
 from tests import naive
 from tests.maps.saved_files import map_of as saved_map_of
@@ -27,7 +26,7 @@ from tests.streams import (
     Drive,
     as_tuples,
     cut_up,
-    descriptors,
+    map_of_counts,
     random_events,
     split_events,
     with_sums,
@@ -39,14 +38,8 @@ PIXEL_MAP = PixelMap(SENSOR, *np.array(PIXELS, dtype=np.uint16).T)
 
 
 def map_of(counts, **changes):
-    figures = np.zeros((SENSOR.height, SENSOR.width))
     chosen = Settings(pixels=len(PIXELS), remove_bursts=False).replaced(changes, "test")
-    counts = np.asarray(counts)
-    if chosen.counter_code == "linear":
-        counts = np.minimum(counts, 2**chosen.counter_bits - 1)
-    return ReferenceMap(
-        chosen, PIXEL_MAP, descriptors(counts), figures.astype(np.float32), figures > 0
-    )
+    return map_of_counts(PIXEL_MAP, counts, chosen)
 
 
 def feed(localiser, chunks):
