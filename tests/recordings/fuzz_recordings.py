@@ -122,43 +122,28 @@ def _tables(folder: Path, events: np.ndarray) -> None:
 
 
 def _bags(folder: Path, rows: list[files.Event]) -> None:
-    from rosbags import rosbag1, rosbag2
-
-    for name, compression in (("plain", None), ("bz2", rosbag1.Writer.CompressionFormat.BZ2)):
-        writer = rosbag1.Writer(folder / f"{name}.bag")
-        if compression is not None:
-            writer.set_compression(compression)
-        _fill(writer, "dvs_msgs/msg/EventArray", _arrays(rows, 1), md5sum="0" * 32)
+    for name, compression in (("plain", ""), ("bz2", "BZ2")):
+        arrays = _arrays(rows, 1)
+        files.write_bag(folder / f"{name}.bag", 1, arrays, compression=compression)
     packets = [
         *(files.event_packet("evt3", files.encode_evt3(rows), *SENSOR) for _ in range(2)),
         files.event_packet("libcaer_cmp", files.encode_libcaer_cmp(rows), *SENSOR),
         files.event_packet("mono", files.encode_mono(rows), *SENSOR),
     ]
-    kind = "event_camera_msgs/msg/EventPacket"
-    digest = "RIHS01_" + "0" * 64
-    for name, plugin in (("sqlite", "SQLITE3"), ("mcap", "MCAP")):
-        storage = rosbag2.StoragePlugin[plugin]
-        writer = rosbag2.Writer(folder / name, version=9, storage_plugin=storage)
-        _fill(writer, kind, packets, rihs01=digest)
+    kind = {"/e": "event_camera_msgs/msg/EventPacket"}
+    for name, storage in (("sqlite", "SQLITE3"), ("mcap", "MCAP")):
+        files.write_bag(folder / name, 2, [("/e", each) for each in packets], kind, storage=storage)
         (stored,) = (f for f in (folder / name).iterdir() if f.suffix in (".db3", ".mcap"))
         shutil.copy(stored, folder / f"packets{stored.suffix}")
     shutil.rmtree(folder / "sqlite")  # read alone; of the other, metadata.yaml is mutated as well
-    for mode in (rosbag2.CompressionMode.MESSAGE, rosbag2.CompressionMode.FILE):
-        storage = rosbag2.StoragePlugin.MCAP
-        writer = rosbag2.Writer(folder / f"zstd_{mode.name}", version=9, storage_plugin=storage)
-        writer.set_compression(mode, rosbag2.CompressionFormat.ZSTD)
-        _fill(writer, "dvs_msgs/msg/EventArray", _arrays(rows, 2), rihs01=digest)
+    for mode in ("MESSAGE", "FILE"):
+        arrays = _arrays(rows, 2)
+        files.write_bag(folder / f"zstd_{mode}", 2, arrays, storage="MCAP", compression=mode)
 
 
-def _arrays(rows: list[files.Event], ros: int) -> list[bytes]:
-    return [files.event_array(rows[i : i + 90], *SENSOR, ros) for i in range(0, len(rows), 90)]
-
-
-def _fill(writer, kind, messages, **digest):  # type: ignore[no-untyped-def]
-    with writer:
-        topic = writer.add_connection("/e", kind, msgdef="uint8 x\n", **digest)
-        for i, data in enumerate(messages):
-            writer.write(topic, 10**18 + i, data)
+def _arrays(rows: list[files.Event], ros: int) -> list[tuple[str, bytes]]:
+    parts = [rows[i : i + 90] for i in range(0, len(rows), 90)]
+    return [("/e", files.event_array(part, *SENSOR, ros)) for part in parts]
 
 
 # --- mutation -------------------------------------------------------------------------------

@@ -6,6 +6,8 @@ Nothing here is imported from the readers: the two state the formats independent
 from __future__ import annotations
 
 import struct
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -174,6 +176,39 @@ def event_packet(encoding: str, payload: bytes, width: int, height: int, base_ns
     head += struct.pack("<I", len(name)) + name + b"\0"
     head += bytes(-len(head) % 4) + struct.pack("<I", len(payload)) + payload
     return b"\0\1\0\0" + head
+
+
+def write_bag(
+    path: Path,
+    ros: int,
+    messages: list[tuple[str, bytes]],
+    types: dict[str, str] | None = None,
+    definitions: dict[str, str] | None = None,
+    *,
+    storage: str = "SQLITE3",
+    compression: str = "",
+) -> None:
+    """Bag of pairs (topic, message), compressed by a format of ROS 1 or by a mode of ROS 2."""
+    from rosbags import rosbag1, rosbag2
+
+    if ros == 1:
+        writer: Any = rosbag1.Writer(path)
+        if compression:
+            writer.set_compression(rosbag1.Writer.CompressionFormat[compression])
+    else:
+        writer = rosbag2.Writer(path, version=9, storage_plugin=rosbag2.StoragePlugin[storage])
+        if compression:
+            mode = rosbag2.CompressionMode[compression]
+            writer.set_compression(mode, rosbag2.CompressionFormat.ZSTD)
+    digest = {"md5sum": "0" * 32} if ros == 1 else {"rihs01": "RIHS01_" + "0" * 64}
+    with writer:
+        connections: dict[str, Any] = {}
+        for i, (topic, data) in enumerate(messages):
+            if topic not in connections:
+                kind = (types or {}).get(topic, "dvs_msgs/msg/EventArray")
+                definition = (definitions or {}).get(topic, "uint8 x\n")
+                connections[topic] = writer.add_connection(topic, kind, msgdef=definition, **digest)
+            writer.write(connections[topic], 10**18 + i, data)
 
 
 def encode_libcaer_cmp(events: list[Event]) -> bytes:

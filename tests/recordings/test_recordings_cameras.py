@@ -164,42 +164,6 @@ def test_evt21_is_decoded_in_each_byte_order(endianness, rows, chunk, tmp_path_f
     assert [(t + shift, x, y, p) for t, x, y, p in again.tolist()] == events
 
 
-def test_evt21_vectors_give_an_event_for_each_bit_from_the_left(tmp_path):
-    """The word of Prophesee's description; eventcv 1.0.8 makes one event of each."""
-    high = 8 << 60 | 5 << 32
-    vector = 1 << 60 | 7 << 54 | 64 << 43 | 9 << 32 | 0x80000005
-    full = 96 << 43 | 8 << 54 | 1 << 32 | 0xFFFFFFFF
-    path = tmp_path / "a.raw"
-    path.write_bytes(files.raw_header("2.1", *SENSOR) + struct.pack("<3Q", high, vector, full))
-    events, _ = absolute(path)
-    assert events.tolist()[:3] == [(327, x, 9, True) for x in (64, 66, 95)]
-    assert events.tolist()[3:] == [(328, x, 1, False) for x in range(96, 128)]
-
-
-@pytest.mark.parametrize("chunk", [1, 2, 3, 7, 1_000])
-def test_low_time_bits_before_any_high_ones_date_nothing_however_the_file_is_cut(tmp_path, chunk):
-    """Low bits, high bits, an event without low bits of its own; then low bits, and an event."""
-    words = [0x6005, 0x8001, 0x0003, 0x2804, 0x6007, 0x2805]
-    path = tmp_path / "a.raw"
-    path.write_bytes(files.raw_header("3.0", *SENSOR) + np.array(words, "<u2").tobytes())
-    recording = open_recording(path, on_fault="drop", chunk_events=chunk)
-    events = join_events(list(recording))
-    assert (events.x.tolist(), events.y.tolist()) == ([5], [3])
-    assert recording.start_us == 4096 + 7
-    assert recording.faults.undated == 1
-
-
-def test_evt3_vectors_go_on_where_the_last_one_ended(tmp_path):
-    words = [0x8001, 0x6002, 100, 3 << 12 | 1 << 11 | 20, 4 << 12 | 0x801, 5 << 12 | 0xFF]
-    path = tmp_path / "a.raw"
-    data = struct.pack("<6H", *words)
-    path.write_bytes(files.raw_header("3.0", *SENSOR) + data)
-    events, _ = absolute(path)
-    columns = [20, 31, *range(32, 40)]
-    assert events.tolist() == [(4098, x, 100, True) for x in columns]
-    assert events.tolist() == files.decode_evt3(data)
-
-
 def test_events_before_the_first_time_are_dropped_and_counted_but_no_error(tmp_path):
     words = [10, 0x2005, 0x2006, 0x8001, 0x6002, 0x2007]
     path = tmp_path / "a.raw"
@@ -224,17 +188,6 @@ def test_a_file_that_ends_within_an_event_says_at_which_byte(tmp_path):
     events, recording = absolute(path, on_fault="drop")
     assert events.size == 2
     assert recording.faults.truncated == size - 1
-
-
-def test_time_running_backwards_in_a_camera_file_is_no_wrap(tmp_path):
-    events = [(9_000_000, 1, 1, True), (8_990_000, 2, 2, True), (9_000_001, 3, 3, True)]
-    path = tmp_path / "a.raw"
-    path.write_bytes(files.raw_header("3.0", *SENSOR) + files.encode_evt3(events))
-    with pytest.raises(RecordingError, match="event 1: time runs backwards, from 9000000 to"):
-        absolute(path)
-    kept, recording = absolute(path, on_fault="drop")
-    assert kept["x"].tolist() == [1, 3]
-    assert recording.faults.backwards == 1
 
 
 def steady(seconds, start=0, rate=1_000):
@@ -268,24 +221,6 @@ def test_a_gap_forwards_in_evt3_is_not_backwards(gap_s, before_s, tmp_path):
     events, recording = absolute(path)
     assert events.tolist() == first + after
     assert str(recording.faults) == "none"
-
-
-@pytest.mark.parametrize(("version", "word"), [("2.0", 0x99999999), ("3.0", 0x9999)])
-def test_padding_of_lucid_cameras_is_passed_over_in_a_file(version, word, tmp_path):
-    rows = steady(1)
-    dtype = "<u2" if version == "3.0" else "<u4"
-    if version == "3.0":
-        words = np.frombuffer(files.encode_evt3(rows), dtype)
-    else:
-        write_recording(tmp_path / "b.raw", make_events(*zip(*rows, strict=True)), sensor=SENSOR)
-        words = np.frombuffer((tmp_path / "b.raw").read_bytes().partition(b"% end\n")[2], dtype)
-    at = np.sort(np.random.default_rng(0).integers(0, words.size + 1, 500))
-    path = tmp_path / "a.raw"
-    padded = np.insert(words, at, word).astype(dtype)
-    path.write_bytes(files.raw_header(version, *SENSOR) + padded.tobytes())
-    events, recording = absolute(path)
-    assert events.tolist() == rows
-    assert recording.faults.total == 0
 
 
 @pytest.mark.parametrize("encoding", ["utf-8", "latin-1"])

@@ -75,14 +75,6 @@ def test_frames_become_the_events_that_plain_python_makes_of_them(
     assert np.array_equal(again, frames)
 
 
-def test_thirty_frames_of_a_thirtieth_fill_one_second_exactly(tmp_path):
-    frames = np.full((60, 2, 3), 5, np.uint8)
-    np.savez(tmp_path / "a.npz", frames=frames)
-    events = events_of(tmp_path / "a.npz", frame_period=THIRTIETH)
-    assert np.count_nonzero(events["t"] < 10**6) == 30 * 30
-    assert events["t"][-1] < 2 * 10**6
-
-
 def test_single_events_of_a_frame_are_no_burst_and_do_not_sweep_over_the_sensor(tmp_path):
     np.savez(tmp_path / "a.npz", frames=np.ones((1, 100, 100), np.uint8))
     events = events_of(tmp_path / "a.npz", frame_period=Fraction(1))
@@ -116,16 +108,6 @@ def test_sparse_counts_become_events_at_their_pixels_with_the_period_of_the_file
     assert (frames.n_frames, frames.n_pixels, frames.period) == (2, 3, Fraction(1))
     assert frames.sensor == Sensor(346, 260)
     assert frames.pixel_x.tolist() == [5, 6, 7]
-
-
-def test_whole_frames_as_windows_have_their_pixels_row_by_row(tmp_path):
-    frames = np.arange(24, dtype=np.uint16).reshape(2, 3, 4)
-    np.savez(tmp_path / "a.npz", frames=frames, window_s=1 / 30)
-    read = read_count_frames(tmp_path / "a.npz")
-    loaded = read.load()
-    assert loaded.shape == (2, 12)
-    assert loaded[1, 7] == frames[1, read.pixel_y[7], read.pixel_x[7]]
-    assert read.period == THIRTIETH
 
 
 @pytest.mark.parametrize("dtype", [np.uint8, np.uint16])

@@ -19,21 +19,27 @@ ROWS = [(1000, 3, 4, True), (1250, 63, 47, False), (2_000_000, 0, 0, True)]
 EXPECTED = [(0, 3, 4, True), (250, 63, 47, False), (1_999_000, 0, 0, True)]
 
 
-def write_fields(path, rows):
-    """Write a structured array of whole numbers as the table that the suffix says."""
+def write_table(path, table, *, header=False, whole=False):
+    """Write columns by their names; `whole` makes one array of fields of them in NPZ and HDF5."""
+    dtype = [(name, column.dtype) for name, column in table.items()]
+    rows = np.empty(len(next(iter(table.values()))), dtype)
+    for name, column in table.items():
+        rows[name] = column
     if path.suffix == ".csv":
-        np.savetxt(path, rows, "%d", delimiter=",", header=",".join(rows.dtype.names), comments="")
+        forms = ["%.18e" if column.dtype.kind == "f" else "%d" for column in table.values()]
+        names = ",".join(table) if header else ""
+        np.savetxt(path, rows, forms, delimiter=",", header=names, comments="")
     elif path.suffix == ".npy":
         np.save(path, rows)
     elif path.suffix == ".npz":
-        np.savez(path, events=rows)
+        np.savez(path, **({"events": rows} if whole else table))
     elif path.suffix == ".h5":
         with pytest.importorskip("h5py").File(path, "w") as file:
-            file["events"] = rows
+            for name, column in ({"events": rows} if whole else table).items():
+                file[name if whole else f"events/{name}"] = column
     else:
         pyarrow = pytest.importorskip("pyarrow")
-        table = pyarrow.table({name: rows[name] for name in rows.dtype.names})
-        pytest.importorskip("pyarrow.parquet").write_table(table, path)
+        pytest.importorskip("pyarrow.parquet").write_table(pyarrow.table(table), path)
     return path
 
 
@@ -408,26 +414,16 @@ def test_two_times_of_different_units_are_not_chosen_from(tmp_path):
         rows_of(path)
 
 
-@pytest.mark.parametrize("suffix", [".csv", ".npy", ".npz", ".parquet", ".h5"])
+SUFFIXES = [".csv", ".npy", ".npz", ".parquet", ".h5"]
+
+
+@pytest.mark.parametrize("suffix", SUFFIXES)
 @pytest.mark.parametrize("names", ["sec nsec", "ts.secs ts.nsecs", "tv_sec tv_usec"])
 def test_seconds_and_their_fractions_in_two_columns_are_refused_by_name(names, suffix, tmp_path):
     path, names = tmp_path / f"a{suffix}", names.split()
     t, x, y, p = rows_written(50)
     table = dict(zip([*names, "x", "y", "p"], (t // 10**6, t % 10**6, x, y, p), strict=True))
-    if suffix == ".csv":
-        rows = np.column_stack(list(table.values()))
-        np.savetxt(path, rows, "%d", delimiter=",", header=",".join(table), comments="")
-    elif suffix == ".npy":
-        np.save(path, np.array(np.rec.fromarrays(list(table.values()), names=list(table))))
-    elif suffix == ".npz":
-        np.savez(path, **table)
-    elif suffix == ".h5":
-        with pytest.importorskip("h5py").File(path, "w") as file:
-            for name, column in table.items():
-                file[f"events/{name}"] = column
-    else:
-        pyarrow = pytest.importorskip("pyarrow")
-        pytest.importorskip("pyarrow.parquet").write_table(pyarrow.table(table), path)
+    write_table(path, table, header=True)
     with pytest.raises(RecordingError, match=f"{', '.join(names)} are the parts of one time"):
         rows_of(path)
 
@@ -446,14 +442,12 @@ def test_another_number_of_columns_is_refused_with_the_flag_that_names_them(line
         rows_of(tmp_path / "a.csv")
 
 
-SUFFIXES = [".csv", ".npy", ".npz", ".parquet", ".h5"]
-
-
 @pytest.mark.parametrize("suffix", SUFFIXES)
 @pytest.mark.parametrize("unit", ["s", "ms", "us", "ns"])
 def test_times_in_floating_point_are_refused_without_a_unit(suffix, unit, tmp_path):
     t, x, y, p = rows_written()
-    path = write_table(tmp_path / f"a{suffix}", t * float(US_OF[unit]), x, y, p)
+    table = {"t": t * float(US_OF[unit]), "x": x, "y": y, "p": p}
+    path = write_table(tmp_path / f"a{suffix}", table)
     with pytest.raises(RecordingError, match="no unit is stated: pass time_unit=, one of s, ms"):
         rows_of(path)
     rows, _ = rows_of(path, time_unit=unit)
@@ -463,31 +457,10 @@ def test_times_in_floating_point_are_refused_without_a_unit(suffix, unit, tmp_pa
 @pytest.mark.parametrize("suffix", SUFFIXES[1:])
 def test_times_in_float32_are_refused_in_any_unit(suffix, tmp_path):
     t, x, y, p = rows_written()
-    path = write_table(tmp_path / f"a{suffix}", (t / 1e6).astype(np.float32), x, y, p)
+    table = {"t": (t / 1e6).astype(np.float32), "x": x, "y": y, "p": p}
+    path = write_table(tmp_path / f"a{suffix}", table)
     with pytest.raises(RecordingError, match="float32, which has too few digits"):
         rows_of(path, time_unit="s")
-
-
-def write_table(path, t, x, y, p):
-    """Columns t, x, y, p without a word on their unit."""
-    if path.suffix == ".csv":
-        form = "%d" if t.dtype.kind == "i" else "%.18e"
-        np.savetxt(path, np.column_stack((t, x, y, p)), (form, "%d", "%d", "%d"), delimiter=",")
-    elif path.suffix == ".npz":
-        np.savez(path, t=t, x=x, y=y, p=p)
-    elif path.suffix == ".npy":
-        rows = np.empty(t.size, [("t", t.dtype), ("x", "u2"), ("y", "u2"), ("p", "i2")])
-        rows["t"], rows["x"], rows["y"], rows["p"] = t, x, y, p
-        np.save(path, rows)
-    elif path.suffix == ".h5":
-        with pytest.importorskip("h5py").File(path, "w") as file:
-            for name, column in zip("txyp", (t, x, y, p), strict=True):
-                file[f"events/{name}"] = column
-    else:
-        pyarrow = pytest.importorskip("pyarrow")
-        table = pyarrow.table({"t": t, "x": x, "y": y, "p": p})
-        pytest.importorskip("pyarrow.parquet").write_table(table, path)
-    return path
 
 
 @pytest.mark.parametrize("names", ["ts xs ys ps", "timestamp_us x y polarity", "Time col row on"])
@@ -509,10 +482,8 @@ def test_text_in_utf16_says_so(tmp_path):
 @pytest.mark.parametrize("suffix", [".npy", ".npz", ".parquet", ".h5"])
 def test_columns_name_the_foreign_fields_of_a_table(suffix, tmp_path):
     t, x, y, p = rows_written()
-    rows = np.empty(t.size, [(name, "i8") for name in ("spalte", "zeile", "zeit", "serie", "vz")])
-    for name, column in zip(rows.dtype.names, (x, y, t, t * 0, p), strict=True):
-        rows[name] = column
-    path = write_fields(tmp_path / f"a{suffix}", rows)
+    table = {"spalte": x, "zeile": y, "zeit": t, "serie": t * 0, "vz": p}
+    path = write_table(tmp_path / f"a{suffix}", table, whole=True)
     with pytest.raises(RecordingError, match="columns="):
         rows_of(path)
     events, _ = rows_of(path, columns="xyt-p")
@@ -523,7 +494,8 @@ def test_columns_name_the_foreign_fields_of_a_table(suffix, tmp_path):
 @pytest.mark.parametrize(("off", "on"), [(0, 1), (-1, 1), (1, 2), (0, 255)])
 def test_a_polarity_is_1_or_0_or_minus_1_and_anything_else_is_refused(off, on, suffix, tmp_path):
     t, x, y, p = rows_written()
-    path = write_table(tmp_path / f"a{suffix}", t, x, y, np.where(p == 1, on, off))
+    table = {"t": t, "x": x, "y": y, "p": np.where(p == 1, on, off)}
+    path = write_table(tmp_path / f"a{suffix}", table)
     if on == 1:
         assert [row[3] for row in rows_of(path)[0]] == (p == 1).tolist()
     else:
@@ -535,7 +507,7 @@ def test_a_polarity_is_1_or_0_or_minus_1_and_anything_else_is_refused(off, on, s
 def test_a_time_far_ahead_makes_those_after_it_late_and_is_counted_so(chunk, tmp_path):
     t, x, y, p = rows_written()
     t[50] += 10**9
-    path = write_table(tmp_path / "a.npy", t, x, y, p)
+    path = write_table(tmp_path / "a.npy", {"t": t, "x": x, "y": y, "p": p})
     with pytest.raises(RecordingError, match=rf"event 51: .* from {t[50]} to {t[51]} us: sort"):
         rows_of(path, chunk_events=chunk)
     rows, recording = rows_of(path, chunk_events=chunk, on_fault="drop")
