@@ -8,11 +8,13 @@ from pathlib import Path
 
 import numpy as np
 
+from edge_vpr.descriptors.counting import cleaned
 from edge_vpr.descriptors.pixels import PixelMap
 from edge_vpr.descriptors.windows import Descriptors, narrow
 from edge_vpr.events import Events, Sensor, join_events, make_events
 from edge_vpr.live.protocols import Health
 from edge_vpr.map_making import coded_map
+from edge_vpr.online.localiser import Localiser
 from edge_vpr.recordings import Recording, open_recording, write_recording
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.settings import Settings
@@ -66,6 +68,13 @@ def map_of_counts(pixels: PixelMap, counts, settings: Settings, **more) -> Refer
     figures = np.zeros((pixels.sensor.height, pixels.sensor.width), dtype=np.float32)
     counted = ReferenceMap(settings.uncoded, pixels, descriptors(counts), figures, figures > 0)
     return replace(coded_map(counted, settings), **more)
+
+
+def matched_live(reference: ReferenceMap, recording, every):
+    """The matches that a localiser makes of a recording, cleaned as the map says."""
+    localiser = Localiser(reference, every=every)
+    parts = cleaned(recording, reference.settings)
+    return np.concatenate([localiser.update(part) for part in parts])
 
 
 def with_sums(matches, length: int = 1):

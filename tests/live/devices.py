@@ -2,7 +2,13 @@
 
 from __future__ import annotations
 
+import threading
+from collections.abc import Iterable
 from typing import NamedTuple
+
+from edge_vpr.events import Events, Sensor
+from edge_vpr.live.bridge import Bridge, LineFaults, open_device_link
+from edge_vpr.live.protocols import open_encoder
 
 
 class Device(NamedTuple):
@@ -31,3 +37,32 @@ DEVICES = (
     Device("aer", "aer", clock_bits=16),
     Device("aer:layout=jaer8", "aer:layout=jaer8", clock_bits=32, typical=True),
 )
+
+
+class Playing(NamedTuple):
+    """A camera that sends to whoever opens its address, and hangs up at the end."""
+
+    address: str
+    bridge: Bridge
+    thread: threading.Thread
+
+
+def play(
+    pieces: Iterable[Events],
+    sensor: Sensor,
+    device: str = "evpr",
+    port: str = "tcp://127.0.0.1:0",
+    speed: float = 0.0,
+    faults: LineFaults | None = None,
+) -> Playing:
+    """Send pieces of a recording as a device, at once or at a speed."""
+    link = open_device_link(port)
+    bridge = Bridge(link, open_encoder(device, sensor), speed=speed, faults=faults)
+
+    def run() -> None:
+        bridge.run(pieces)
+        link.close()
+
+    thread = threading.Thread(target=run, daemon=True)
+    thread.start()
+    return Playing(link.address, bridge, thread)

@@ -263,16 +263,6 @@ def test_standard_input_stays_as_it_is_for_those_who_share_it(monkeypatch):
     sys.stdin.close()
 
 
-def test_a_reader_thread_that_fails_says_why():
-    class Broken(Script):
-        def read(self, timeout):
-            raise RuntimeError("a mistake of ours")
-
-    reader = LinkReader(lambda: Broken([]), retry=True)
-    assert drained(reader) == []
-    assert isinstance(reader.error, RuntimeError)
-
-
 def test_a_link_that_cannot_be_opened_is_one_line(tmp_path):
     with socket.create_server(("127.0.0.1", 0)) as free:
         port = free.getsockname()[1]
@@ -474,23 +464,6 @@ def test_whatever_the_caller_does_the_thread_reads_and_nothing_is_lost_or_change
     assert b"".join(received) == b"".join(sent)
     reader.stop()
     assert len(set(pipe.readers)) == 1
-
-
-def test_what_waited_while_the_caller_was_away_for_long_is_dropped_and_counted():
-    pipe = Pipe()
-    reader = LinkReader(lambda: pipe, max_lag_s=0.1)
-    assert reader.take(0.3) is None
-    fed(pipe, reader, 3)
-    for number in range(10):
-        pipe.fill(b"%d" % number)
-        time.sleep(0.04)
-    pieces = []
-    while (chunk := reader.take(0.1)) is not None:
-        pieces.append(chunk)
-    reader.stop()
-    kept = b"".join(piece.data for piece in pieces)
-    assert b"0123456789".endswith(kept)
-    assert sum(piece.dropped for piece in pieces) == 10 - len(kept) > 0
 
 
 @pytest.mark.parametrize("retry", [True, False])

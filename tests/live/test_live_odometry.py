@@ -19,9 +19,8 @@ from edge_vpr.descriptors.counting import cleaned
 from edge_vpr.errors import UsageError
 from edge_vpr.evaluation.tables import load_odometry
 from edge_vpr.events import Sensor, join_events
-from edge_vpr.live.bridge import Bridge, LineFaults, open_device_link
+from edge_vpr.live.bridge import LineFaults
 from edge_vpr.live.odometer import OdometerLine, OdometerReader
-from edge_vpr.live.protocols import open_encoder
 from edge_vpr.live.reader import Chunk
 from edge_vpr.live.session import LiveSession
 from edge_vpr.online.localiser import Localiser
@@ -32,6 +31,7 @@ from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.route import OdometerCheck, Odometry
 from edge_vpr.settings import Settings
 from edge_vpr.simulation import simulate_pair
+from tests.live.devices import play
 from tests.streams import Drive, random_events, split_events
 
 SENSOR = Sensor(64, 48)
@@ -172,16 +172,32 @@ class TalkingOdometer:
         self._server.close()
 
 
+def streamed(
+    drive, *words, shown_m=lambda time_s: 1_000 + 5 * time_s, query="query.npz", speed=1.0,
+    faults=None, fails=0,
+):  # fmt: skip
+    """Run `stream` with a camera that sends the query, and with an odometer.
+
+    The odometer shows `shown_m` of the time of the newest event that was sent.
+    """
+    events = join_events(list(open_recording(drive / query)))
+    camera = play([events], SENSOR, speed=speed, faults=faults)
+    sent = camera.bridge
+    odometer = TalkingOdometer(
+        lambda: shown_m(1e-6 * int(events["t"][max(sent.sent_events - 1, 0)]))
+    )
+    line = ["--port", camera.address, "--protocol", "evpr", "--once", "--odometry"]
+    try:
+        assert main(["stream", *line, odometer.address, *map(str, words)]) == fails
+    finally:
+        odometer.close()
+        camera.thread.join(timeout=5)
+
+
 def test_a_run_with_an_odometer_is_the_offline_one_with_the_readings_of_its_log(drive, tmp_path):
     events = join_events(list(open_recording(drive / "query.npz")))
-    port, odometer, end = played(drive)
     log = tmp_path / "run.jsonl"
-    words = ["stream", "--port", port, "--protocol", "evpr", "--once", "--every", "100ms"]
-    words += ["--map", str(drive / "map.npz"), "--log", str(log), "--odometry", odometer]
-    try:
-        assert main(words) == 0
-    finally:
-        end()
+    streamed(drive, "--every", "100ms", "--map", drive / "map.npz", "--log", log)
     rows = [json.loads(row) for row in log.read_text().splitlines()]
     assert not any(row["kind"] == "odometer" for row in rows)
     readings = {
@@ -216,13 +232,9 @@ def test_what_is_driven_while_the_line_stands_still_is_read_with_the_events_of_t
 ):
     """The events are kept and come late; the odometer goes on."""
     faults = LineFaults(stall=1.5, stall_at=1.0)
-    port, odometer, end = played(drive, lambda _: 5 * time.monotonic(), faults=faults)
     log = tmp_path / "run.jsonl"
-    words = ["stream", "--port", port, "--protocol", "evpr", "--once", "--odometry", odometer]
-    try:
-        assert main([*words, "--map", str(drive / "map.npz"), "--log", str(log)]) == 0
-    finally:
-        end()
+    words = ["--map", drive / "map.npz", "--log", log]
+    streamed(drive, *words, shown_m=lambda _: 5 * time.monotonic(), faults=faults)
     rows = [json.loads(row) for row in log.read_text().splitlines()]
     read = [(row["time_s"], row["distance_m"]) for row in rows if row["kind"] == "odometry"]
     moments = {time_s: [m for t, m in read if t == time_s] for time_s, _ in read}
@@ -231,42 +243,9 @@ def test_what_is_driven_while_the_line_stands_still_is_read_with_the_events_of_t
     assert len(moments) > 30
 
 
-def played(
-    drive, shown_m=lambda time_s: 1_000 + 5 * time_s, query="query.npz", speed=1.0, faults=None
-):
-    """A camera on a TCP port that sends the query, an odometer, and their end.
-
-    The odometer shows `shown_m` of the time of the newest event that was sent.
-    """
-    events = join_events(list(open_recording(drive / query)))
-    link = open_device_link("tcp://127.0.0.1:0")
-    bridge = Bridge(link, open_encoder("evpr", SENSOR), speed=speed, faults=faults)
-    odometer = TalkingOdometer(
-        lambda: shown_m(1e-6 * int(events["t"][max(bridge.sent_events - 1, 0)]))
-    )
-
-    def play():
-        bridge.run([events])
-        link.close()  # which ends the run
-
-    playing = threading.Thread(target=play, daemon=True)
-    playing.start()
-
-    def end():
-        odometer.close()
-        playing.join(timeout=5)
-
-    return link.address, odometer.address, end
-
-
 def test_a_map_that_is_learnt_with_an_odometer_knows_its_distances(drive, tmp_path, capsys):
-    port, odometry, end = played(drive)
-    words = ["stream", "--port", port, "--protocol", "evpr", "--once", "--odometry", odometry]
-    words += ["--sensor", "64x48", "--learn", "-o", str(tmp_path / "map.npz"), "--sigma", "1"]
-    try:
-        assert main([*words, "--pixels", "20", "--tau", "100ms"]) == 0
-    finally:
-        end()
+    words = ["--sensor", "64x48", "--learn", "-o", tmp_path / "map.npz", "--sigma", "1"]
+    streamed(drive, *words, "--pixels", "20", "--tau", "100ms")
     along = ReferenceMap.load(tmp_path / "map.npz").odometer_mm
     assert along is not None and len(along) > 15
     # 5 m/s for the time between the first place and the last, half windows of 0.05 s apart; what
@@ -275,13 +254,8 @@ def test_a_map_that_is_learnt_with_an_odometer_knows_its_distances(drive, tmp_pa
 
 
 def test_a_drive_that_makes_no_map_is_kept_with_its_odometry(drive, tmp_path, capsys):
-    port, odometry, end = played(drive)
-    words = ["stream", "--port", port, "--protocol", "evpr", "--once", "--odometry", odometry]
-    words += ["--sensor", "64x48", "--learn", "-o", str(tmp_path / "map.npz"), "--tau", "3600s"]
-    try:
-        assert main(words) == 2
-    finally:
-        end()
+    words = ["--sensor", "64x48", "--learn", "-o", tmp_path / "map.npz", "--tau", "3600s"]
+    streamed(drive, *words, fails=2)
     err = capsys.readouterr().err
     table = tmp_path / "map_drive.csv"
     assert f"-o {tmp_path / 'map.npz'} --odometry {table}" in err
@@ -341,12 +315,8 @@ def shown_to(metres_at, seconds=240.0, rate=20.0, standing=(20, 100)):
 def test_a_run_counts_the_leaps_of_its_odometer_and_goes_on_without_it(drive, capsys):
     """Of millimetres, every reading leaps; in the view of a terminal and in JSON."""
     for flags in ([], ["--json"]):
-        port, odometer, end = played(drive, lambda time_s: 5_000 * time_s, "longer.npz", speed=2.0)
-        words = ["stream", "--port", port, "--protocol", "evpr", "--once", "--odometry", odometer]
-        try:
-            assert main([*words, "--map", str(drive / "map.npz"), *flags]) == 0
-        finally:
-            end()
+        how = {"shown_m": lambda time_s: 5_000 * time_s, "query": "longer.npz", "speed": 2.0}
+        streamed(drive, "--map", drive / "map.npz", *flags, **how)
         out = capsys.readouterr().out
         if not flags:
             assert "the odometer leapt to " in out and "such readings are left out; send met" in out
@@ -365,13 +335,9 @@ def test_a_live_run_shows_the_odometer_s_metres_beside_the_length_of_the_route(
     drive, tmp_path, capsys
 ):
     """A wrong sign is seen whatever is matched."""
-    port, odometer, end = played(drive, lambda time_s: 1_000 - 5 * time_s, "longer.npz", speed=2.0)
-    words = ["stream", "--port", port, "--protocol", "evpr", "--once", "--odometry", odometer]
-    words += ["--map", str(drive / "map.npz"), "--precision", "0.99"]
-    try:
-        assert main([*words, "--log", str(tmp_path / "run.jsonl")]) == 0
-    finally:
-        end()
+    how = {"shown_m": lambda time_s: 1_000 - 5 * time_s, "query": "longer.npz", "speed": 2.0}
+    words = ["--map", drive / "map.npz", "--precision", "0.99", "--log", tmp_path / "run.jsonl"]
+    streamed(drive, *words, **how)
     text = "".join(capsys.readouterr())
     assert re.search(
         r"\| -\d+\.\d m by the odometer, route length 14\.\d m \(ratio -\d\.\d\d\)", text

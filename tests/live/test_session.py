@@ -24,23 +24,20 @@ from edge_vpr_tools.cli import main
 import edge_vpr as ev
 from edge_vpr import LiveSession, SessionFiles
 from edge_vpr.compiling import to_kernel_state
-from edge_vpr.descriptors.counting import cleaned
 from edge_vpr.errors import UsageError
-from edge_vpr.events import Sensor, join_events, make_events
+from edge_vpr.events import Events, Sensor, join_events, make_events
 from edge_vpr.live.bridge import Bridge, LineFaults, open_device_link
 from edge_vpr.live.links import LinkError
 from edge_vpr.live.position import Locator, PathPosition
 from edge_vpr.live.protocols import Health, open_encoder
 from edge_vpr.live.watches import LagWatch, MisfitWatch
-from edge_vpr.online.localiser import Localiser
-from edge_vpr.online.schedule import MatchSchedule
 from edge_vpr.recordings import open_recording, write_recording
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.route import Route
 from edge_vpr.settings import Settings
 from edge_vpr.simulation import simulate_pair
-from tests.live.devices import DEVICES
-from tests.streams import Drive, random_events, split_events
+from tests.live.devices import DEVICES, play
+from tests.streams import Drive, matched_live, random_events, split_events
 
 ROOT = Path(__file__).parents[2]
 
@@ -283,25 +280,22 @@ def query():
     return random_events(np.random.default_rng(1), 40_000, SENSOR, 2_000_000)
 
 
-def camera(protocol, events, port="tcp://127.0.0.1:0", speed=0.0):
-    """A camera that sends these events once, and the address that a host opens."""
-    link = open_device_link(port)
-    bridge = Bridge(link, open_encoder(protocol, SENSOR), speed=speed)
-
-    def play():
-        bridge.run([events[i : i + 1_000] for i in range(0, events.size, 1_000)])
-        link.close()
-
-    thread = threading.Thread(target=play, daemon=True)
-    thread.start()
-    return link.address, thread
+def camera(protocol, events):
+    """A camera that sends these events once."""
+    return play(Drive(events, SENSOR), SENSOR, protocol)
 
 
-def offline(reference, events, every="50ms"):
+def offline(reference, events):
     """The matches of a recording."""
-    localiser = Localiser(reference, every=MatchSchedule.parse(every, reference.settings))
-    parts = cleaned(Drive(events, SENSOR), reference.settings)
-    return np.concatenate([localiser.update(part) for part in parts])
+    return matched_live(reference, Drive(events, SENSOR), "50ms")
+
+
+def write_sent(path, events, sensor=SENSOR):
+    """Write what a camera sends of events, in one piece or in some; return the path."""
+    encoder = open_encoder("evpr", sensor)
+    parts = map(encoder.encode, [events] if isinstance(events, Events) else events)
+    path.write_bytes(encoder.start() + b"".join(parts))
+    return path
 
 
 @pytest.mark.parametrize("taken", ["iterated", "polled"])
@@ -312,7 +306,7 @@ def test_the_matches_of_every_protocol_are_those_of_the_recording(
     events = query.copy()
     if not device.startswith("evpr"):
         events.t -= events["t"][0]  # time 0 is then that of the first event
-    address, thread = camera(device, events)
+    address, _, thread = camera(device, events)
     matches = []
     with LiveSession(
         ev.Line(address, reconnect=False, on_overload="wait"),
@@ -422,22 +416,14 @@ def test_a_heartbeat_comes_when_nothing_else_does(route):
 @pytest.mark.parametrize("every", ["50ms", "change"])
 def test_a_camera_that_falls_silent_is_told_by_its_match_that_is_lost(every, route, query):
     """A program that reads nothing but matches would take the last one to hold for ever."""
-    link = open_device_link("tcp://127.0.0.1:0")
     faults = LineFaults(stall=2.0, stall_at=query["t"][len(query) // 2] / 1e6)
-    bridge = Bridge(link, open_encoder("evpr", SENSOR), faults=faults)
-
-    def play():
-        bridge.run([query])
-        link.close()  # which ends the session
-
-    playing = threading.Thread(target=play, daemon=True)
-    playing.start()
+    playing = play([query], SENSOR, speed=1.0, faults=faults)
     with LiveSession(
-        ev.Line(link.address, reconnect=False), protocol="evpr", reference=route, every=every,
+        ev.Line(playing.address, reconnect=False), protocol="evpr", reference=route, every=every,
         max_age="600ms",
     ) as session:  # fmt: skip
         matches = list(session)
-    playing.join(timeout=5)
+    playing.thread.join(timeout=5)
     said = [i for i in range(1, len(matches)) if matches[i].query == matches[i - 1].query]
     assert said  # once a silence; a busy machine may be silent once more
     for match, before in ((matches[i], matches[i - 1]) for i in said):
@@ -634,7 +620,7 @@ def test_a_lag_after_a_silence_is_the_line_s_and_nothing_else_is_suspected():
 
 
 def test_what_is_recorded_and_learnt_is_complete_when_the_block_ends(route, query, tmp_path):
-    address, thread = camera("evpr", query)
+    address, _, thread = camera("evpr", query)
     raw, events = tmp_path / "raw.bin", tmp_path / "events.npz"
     line = ev.Line(address, reconnect=False, on_overload="wait")
     files = SessionFiles(record=[raw, events], learn=tmp_path / "map.npz", settings=route.settings)
@@ -649,9 +635,7 @@ def test_what_is_recorded_and_learnt_is_complete_when_the_block_ends(route, quer
 
 
 def test_the_same_files_serve_one_session_after_another(route, query, tmp_path):
-    raw, sent = tmp_path / "raw.bin", tmp_path / "sent.bin"
-    encoder = open_encoder("evpr", SENSOR)
-    sent.write_bytes(encoder.start() + encoder.encode(query))
+    raw, sent = tmp_path / "raw.bin", write_sent(tmp_path / "sent.bin", query)
     files = SessionFiles(record=raw, overwrite=True)
     for _ in range(2):
         with LiveSession(sent, protocol="evpr", reference=route, files=files) as session:
@@ -661,7 +645,7 @@ def test_the_same_files_serve_one_session_after_another(route, query, tmp_path):
 
 
 def test_a_known_route_is_matched_while_a_map_with_other_settings_is_made(route, query, tmp_path):
-    address, thread = camera("evpr", query)
+    address, _, thread = camera("evpr", query)
     places, target = len(route), tmp_path / "new.npz"
     settings = replace(route.settings, pixels=10)
     line = ev.Line(address, reconnect=False, on_overload="wait")
@@ -680,9 +664,8 @@ def test_a_known_map_learns_the_drive_that_it_is_matched_with(street, tmp_path, 
     folder, target = street[0], tmp_path / "learnt.npz"
     events, sent = join_events(list(open_recording(folder / "query.npz"))), tmp_path / "sent.bin"
     reference = ReferenceMap.load(folder / "map.npz")
-    encoder = open_encoder("evpr", reference.pixel_map.sensor)
-    parts = (encoder.encode(events[i : i + 1_000]) for i in range(0, events.size, 1_000))
-    sent.write_bytes(encoder.start() + b"".join(parts))
+    sensor = reference.pixel_map.sensor
+    write_sent(sent, Drive(events, sensor), sensor)
     words = ["--port", sent, "--protocol", "evpr", "--map", folder / "map.npz", "--learn"]
     assert main([str(word) for word in ("stream", *words, "-o", target)]) == 0
     expected = reference.update(folder / "query.npz")
@@ -698,7 +681,7 @@ def test_a_known_map_learns_the_drive_that_it_is_matched_with(street, tmp_path, 
         assert len(list(session)) > 0
     assert files.learnt == expected.reference
     part = events[events["t"] < 0.6 * events["t"][-1]]
-    sent.write_bytes(encoder.start() + encoder.encode(part))
+    write_sent(sent, part, sensor)
     assert main([str(word) for word in ("stream", *words, "-o", tmp_path / "more.npz")]) == 2
     shown = capsys.readouterr().err
     assert re.search(r"the drive shows \d+% of the route, and at least 90% is needed", shown)
@@ -708,17 +691,15 @@ def test_a_known_map_learns_the_drive_that_it_is_matched_with(street, tmp_path, 
 
 def test_a_precision_marks_the_matches_below_it_as_lost(street, tmp_path):
     """As for a recording; without one, no match is ever lost."""
-    folder, sent = street[0], tmp_path / "sent.bin"
-    reference = ReferenceMap.load(folder / "map.npz")
-    encoder, query = open_encoder("evpr", reference.pixel_map.sensor), folder / "query.npz"
-    sent.write_bytes(encoder.start() + b"".join(encoder.encode(e) for e in open_recording(query)))
+    reference, query = ReferenceMap.load(street[0] / "map.npz"), street[0] / "query.npz"
+    sent = write_sent(tmp_path / "sent.bin", open_recording(query), reference.pixel_map.sensor)
     lost = {}
     for changes in ({}, {"precision": 0.9}):
         with LiveSession(sent, protocol="evpr", reference=reference, **changes) as session:
             lost[len(changes)] = [match.lost for match in session]
-    expected = reference.localiser("50ms", precision=0.9)
-    parts = [expected.update(part) for part in cleaned(open_recording(query), reference.settings)]
-    assert lost[1] == np.concatenate(parts)["lost"].tolist()
+    expected = reference.matched_with(replace(reference.settings, precision=0.9, smooth=False))
+    rows = matched_live(expected, open_recording(query), "50ms")
+    assert lost[1] == rows["lost"].tolist()
     assert 0 < sum(lost[1]) < len(lost[1]) and not any(lost[0])
     with pytest.raises(UsageError, match="LiveSession has the unknown setting 'hartbeat'"):
         LiveSession(sent, protocol="evpr", reference=reference, hartbeat="500ms")
@@ -747,10 +728,9 @@ def test_files_are_looked_at_before_the_link_is_opened(what, tmp_path):
 
 def test_a_map_of_a_larger_sensor_than_the_streams_is_a_warning(route, tmp_path):
     """Without `sensor=`, the stream is taken to be of the map's sensor."""
-    encoder, said = open_encoder("evpr", Sensor(32, 24)), []
-    events = random_events(np.random.default_rng(0), 9_000, Sensor(32, 24), 1_000_000)
-    (tmp_path / "sent.bin").write_bytes(encoder.start() + encoder.encode(events))
-    link = tmp_path / "sent.bin"
+    sensor, said = Sensor(32, 24), []
+    events = random_events(np.random.default_rng(0), 9_000, sensor, 1_000_000)
+    link = write_sent(tmp_path / "sent.bin", events, sensor)
     with LiveSession(link, protocol="evpr", reference=route, on_message=said.append) as session:
         for _ in session:
             pass
@@ -803,7 +783,7 @@ def test_a_session_that_is_not_open_yet_has_a_state():
 
 
 def test_a_program_that_fails_leaves_whole_files(route, query, tmp_path):
-    address, thread = camera("evpr", query)
+    address, _, thread = camera("evpr", query)
     events = tmp_path / "events.npz"
     files = SessionFiles(record=events)
     with (
@@ -920,13 +900,10 @@ def test_a_camera_that_has_not_begun_does_not_stall(query, monkeypatch):
 
 def test_another_place_is_counted_in_the_health(street, tmp_path):
     """The query in a mirror is no place of the map."""
-    reference, sent = ReferenceMap.load(street[0] / "map.npz"), tmp_path / "sent.bin"
-    events = join_events(list(open_recording(street[0] / "query.npz")))
+    reference, events = ReferenceMap.load(street[0] / "map.npz"), street[1].copy()
     sensor = reference.pixel_map.sensor
     events.x = sensor.width - 1 - events["x"]
-    encoder = open_encoder("evpr", sensor)
-    parts = (encoder.encode(events[i : i + 1_000]) for i in range(0, events.size, 1_000))
-    sent.write_bytes(encoder.start() + b"".join(parts))
+    sent = write_sent(tmp_path / "sent.bin", Drive(events, sensor), sensor)
     with LiveSession(sent, protocol="evpr", reference=reference) as session:
         misfits = sum(match.misfit >= 64 for match in session)
     assert session.health.misfits == misfits > 0

@@ -18,15 +18,15 @@ from edge_vpr.archive import read_archive, write_archive
 from edge_vpr.errors import UsageError
 from edge_vpr.events import Sensor, join_events
 from edge_vpr.live import state as state_module
-from edge_vpr.live.bridge import Bridge, VirtualLink, open_device_link
+from edge_vpr.live.bridge import VirtualLink, open_device_link
 from edge_vpr.live.protocols import open_decoder, open_encoder
 from edge_vpr.live.state import KIND, StateWriter
 from edge_vpr.live.stream_matcher import StreamMatcher
 from edge_vpr.online.localiser import Localiser
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.simulation import simulate_pair
-from tests.live.devices import DEVICES
-from tests.streams import split_events
+from tests.live.devices import DEVICES, play
+from tests.streams import Drive, split_events
 
 ROOT = Path(__file__).parents[2]
 SENSOR = Sensor(128, 128)
@@ -51,22 +51,14 @@ def played(events, state, path, host="evpr", device="evpr", speed=0.0, overwrite
     Without a speed they come at once. Then a clock that restarts may be in the piece that ends the
     gap, and in all of that piece something is missing.
     """
-    link = open_device_link("tcp://127.0.0.1:0")
-    bridge = Bridge(link, open_encoder(device, SENSOR), speed=speed)
-
-    def play():
-        bridge.run([events[i : i + 1_000] for i in range(0, events.size, 1_000)])
-        link.close()
-
-    camera, said = threading.Thread(target=play, daemon=True), []
-    camera.start()
+    camera, said = play(Drive(events, SENSOR), SENSOR, device, speed=speed), []
     with LiveSession(
-        Line(link.address, reconnect=False, on_overload="wait"), protocol=host, reference=path,
+        Line(camera.address, reconnect=False, on_overload="wait"), protocol=host, reference=path,
         files=SessionFiles(state=state, overwrite=overwrite), max_age="60s",
         on_message=said.append, **changes,
     ) as session:  # fmt: skip
         matches = list(session)
-    camera.join(timeout=5)
+    camera.thread.join(timeout=5)
     return matches, [message.text for message in said if message.kind == "state"]
 
 

@@ -83,15 +83,6 @@ def test_what_is_sent_arrives_to_the_bit_however_the_bytes_are_cut(device, host,
     assert health.decoded_bytes == len(sent)
 
 
-@every_protocol
-def test_byte_by_byte_is_the_same(device, host, checked):
-    events = dense(500)
-    sent = encoded(device, events)
-    arrived = decoded(open_decoder(host, SENSOR), sent, list(range(1, len(sent))))
-    assert np.array_equal(arrived["x"], events["x"])
-    assert np.array_equal(np.diff(arrived["t"]), np.diff(events["t"]))
-
-
 #: fewer events in plain Python, and no rate at which so few of them meet no fault
 PLAIN = bool(config.DISABLE_JIT)
 EVENTS = 1_000 if PLAIN else 20_000
@@ -234,14 +225,9 @@ def test_evpr_frames_that_come_twice_are_delivered_once():
     again = [*frames[:10], *frames[4:10], *frames[9:]]
     decoder = open_decoder("evpr", SENSOR)
     arrived = decoded(decoder, b"".join(again))
-    assert np.array_equal(arrived, from_first_frame(events))
+    assert np.array_equal(arrived, from_first(events))
     health = decoder.health
     assert (health.repeats, health.lost, health.device_resets, health.losses) == (7, 0, 0, 0)
-
-
-def from_first_frame(events):
-    """Times since the base time of the first frame, which is the first event's."""
-    return from_first(events)
 
 
 def test_an_evpr_device_that_forgets_to_change_its_boot_number_is_followed():
