@@ -230,7 +230,9 @@ def standard_suites(design: Design, seed: int, only: str | None = None) -> dict[
     makers: dict[str, Callable[[], list[Case]]] = {
         "corners": lambda: corner_cases(design),
         "random": lambda: [
-            *random_cases(design, rng), *window_cases(design, rng), *drive_cases(design, rng)
+            *random_cases(design, rng),
+            *window_cases(design, rng),
+            *drive_cases(design, rng),
         ],
     }
     if design.pauses:
