@@ -13,13 +13,15 @@ from dataclasses import replace
 
 import numpy as np
 import numpy.typing as npt
+from edge_vpr_tools.commands.map import fitting_window
 from edge_vpr_tools.report.tables import TableView
 
 from edge_vpr.descriptors.windows import Descriptors, narrow
 from edge_vpr.evaluation.ground_truth import GroundTruth
 from edge_vpr.reference_map import ReferenceMap
-from edge_vpr.settings import PRESETS
+from edge_vpr.settings import PRESETS, Settings
 from edge_vpr.simulation import simulate_pair
+from edge_vpr.simulation.drive import QUERY, REFERENCE
 from lab.drives import STREETS, second_drive
 from lab.experiments.calibration import first_matches
 from lab.loop import Draw, Drives, Experiment, Row
@@ -76,8 +78,7 @@ FAULTS: Mapping[str, Change] = {
 def troubled(seed: int) -> Iterator[tuple[str, list[MappedPair]]]:
     """Map a street; yield its second drive under each trouble, and drives through other streets."""
     reference, query = simulate_pair(seed)
-    settings = PRESETS["default"].replaced({"seed": seed, "precision": PRECISION}, "robustness")
-    route = ReferenceMap.build(reference.keep(), settings)
+    route = ReferenceMap.build(reference.keep(), _settings(seed))
     for name, second in STREETS.items():
         drive = second_drive(query, second)
         pair = MappedPair.of(route, drive, truth_of_pair(reference, drive))
@@ -87,8 +88,26 @@ def troubled(seed: int) -> Iterator[tuple[str, list[MappedPair]]]:
             for fault, change in FAULTS.items():
                 rng = np.random.default_rng((seed, len(fault)))
                 yield fault, [replace(pair, counted=_with(pair.counted, change(counts, rows, rng)))]
+    yield from _slowly(seed)
     away = [MappedPair.of(route, simulate_pair(other)[1], _nowhere) for other in ELSEWHERE]
     yield f"{len(away)} other streets", away
+
+
+def _settings(seed: int) -> Settings:
+    return PRESETS["default"].replaced({"seed": seed, "precision": PRECISION}, "robustness")
+
+
+def _slowly(seed: int) -> Iterator[tuple[str, list[MappedPair]]]:
+    """Map a street at 1 m/s and drive it again as slowly, with stops; with two windows."""
+    stops = replace(QUERY, speed_mps=1.0, stops=3, stop_s=10.0)
+    reference, query = simulate_pair(
+        seed, length_m=300.0, reference=replace(REFERENCE, speed_mps=1.0), query=stops
+    )
+    settings = _settings(seed)
+    for name in ("walking pace", "walking pace, --tau auto"):
+        route = ReferenceMap.build(reference.keep(), settings, track=reference.track)
+        yield name, [MappedPair.of(route, query.keep(), truth_of_pair(reference, query))]
+        settings = settings.replaced({"tau_us": fitting_window(route)[0]}, "robustness")
 
 
 def _nowhere(places: Counts, windows: Counts) -> GroundTruth:
