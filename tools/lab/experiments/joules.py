@@ -15,12 +15,10 @@ from typing import NamedTuple
 from edge_vpr_tools.estimate.model import Mission, sizes
 from edge_vpr_tools.estimate.search import Limits, on_target
 from edge_vpr_tools.estimate.targets import find, names
-from edge_vpr_tools.report.style import BLACK, CYCLE, GREY, figure
 from edge_vpr_tools.report.tables import TableView
-from matplotlib.figure import Figure
 
 from firmware_model.design import Design
-from lab.loop import Draw, Drives, Experiment, Row, Rows
+from lab.loop import Draw, Drives, Experiment, Row
 
 PLACES = 1_000
 EVENTS_PER_S = (10_000, 100_000, 1_000_000)
@@ -88,43 +86,10 @@ def measure(draw: Draw) -> Iterator[Row]:
         }  # fmt: skip
 
 
-def draw(rows: Rows) -> Figure:
-    """Draw the default design on each target by the rate of events, and LENS on the Speck.
-
-    Its authors did not publish its rate of events: it is a level.
-    """
-    shown = [row for row in rows if row["system"] == f"place filter, {PIXELS[0]} pixels"]
-    with figure(7.5, 4.2) as (drawing, axes):
-        for color, device in zip(
-            CYCLE, dict.fromkeys(row["device"] for row in shown), strict=False
-        ):
-            of = [row for row in shown if row["device"] == device]
-            at, low, central, high = (
-                [float(row[name]) for row in of]
-                for name in ("events/s", "low", "matches per joule", "high")
-            )
-            axes.plot(at, central, "o-", color=color, label=f"{device}, modelled")
-            axes.fill_between(at, low, high, color=color, alpha=0.15, lw=0)
-        for row in rows:
-            if (row["system"], row["device"]) == ("LENS", "Speck"):
-                axes.axhspan(float(row["low"]), float(row["high"]), color=GREY, alpha=0.3, lw=0)
-                axes.axhline(
-                    float(row["matches per joule"]), color=BLACK, ls="--",
-                    label="LENS on the Speck, measured with\nthe sensor, at its own rate",
-                )  # fmt: skip
-        axes.set(
-            xscale="log", yscale="log", xlabel="events per second of the whole sensor",
-            ylabel="matches per joule",
-        )  # fmt: skip
-        axes.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0), fontsize=9)
-    return drawing
-
-
 EXPERIMENT = Experiment(
     drives=lambda data: [Drives(f"{PLACES:,} places", lambda seed: None, drawn=False)],
     names=("system", "device", "includes", "basis", "events/s"),
     measure=measure,
-    figure=draw,
     view=TableView(
         {},
         ("system", "device", "includes", "basis", "events/s", "matches per joule", "low", "high"),
