@@ -32,8 +32,8 @@ _MARKER = re.compile(r"^(<!-- table: (\S+?)(?: (.*?))? -->)\n(?:\n(?:\|.*\n)+)?"
 class TableView:
     """Part of a table that a page shows."""
 
-    #: Rows that have these values; several are separated by `` | ``. A column of one value is left
-    #: out.
+    #: Rows that have these values, in this order; several are separated by `` | ``. A column of
+    #: one value is left out.
     only: Mapping[str, str]
     columns: Sequence[str] = ()  #: Columns, in this order; by default all.
     #: Column whose values become columns, for each measured column; those without a value are left
@@ -121,6 +121,8 @@ def table_of(rows: Sequence[Row], view: TableView | None = None) -> str:
     rows = [row for row in rows if all(row[name] in values for name, values in only.items())]
     if not rows:
         raise UsageError(f"no row has {dict(view.only)}")
+    # in the order of the values that the view names
+    rows.sort(key=lambda row: [values.index(row[name]) for name, values in only.items()])
     names = header[: header.index(SEED)] if SEED in header else header
     single = [name for name, values in only.items() if len(values) == 1]
     shown = [name for name in view.columns or header if name not in (SEED, view.across, *single)]
