@@ -247,29 +247,20 @@ def test_the_header_is_for_cpp_and_the_sources_for_little_endian(tmp_path):
     assert done.returncode and b"the image is little-endian" in done.stderr
 
 
-def test_random_designs_on_every_emulated_processor(emulator):
-    """Not only the design that the vectors were made for: 60 others, with all that may vary."""
-    for seed in range(60):
-        rng = np.random.default_rng(seed)
-        memories = random_memories(rng, random_design(rng))
-        start = int(rng.integers(0, 1 << memories.design.timestamp_bits))
-        events = wrapped(random_stream(rng, memories, 150, start), memories.design)
-        case = Case(str(seed), memories, tuple(events), start)
-        assert emulated(emulator, case) == told(case), seed
-
-
-def test_random_filters_and_contrast_codes_on_every_emulated_processor(emulator):
-    """60 designs with the place filter, contrast codes, or both; windows that pause among them."""
+@pytest.mark.parametrize("adaptive", [False, True])
+def test_random_designs_on_every_emulated_processor(emulator, adaptive):
+    """60 of sequences; 60 with the place filter, contrast codes, or both, and with pauses."""
     paused = 0
     for seed in range(60):
         rng = np.random.default_rng(seed)
-        memories = random_memories(rng, random_adaptive_design(rng, (1, 7)))
-        start = int(rng.integers(0, 1 << memories.design.timestamp_bits))
-        events = wrapped(random_stream(rng, memories, 150, start), memories.design)
+        design = random_adaptive_design(rng, (1, 7)) if adaptive else random_design(rng)
+        memories = random_memories(rng, design)
+        start = int(rng.integers(0, 1 << design.timestamp_bits))
+        events = wrapped(random_stream(rng, memories, 150, start), design)
         case = Case(str(seed), memories, tuple(events), start)
         assert emulated(emulator, case) == told(case), seed
         paused += sum(state.paused for state in case.trace().states)
-    assert paused > 100
+    assert (paused > 100) == adaptive
 
 
 ODD_DESIGNS = [

@@ -28,7 +28,6 @@ from firmware_model import Design, VectorError
 from firmware_model.design import page
 from firmware_model.emulation.build import EMULATED, SOURCES, build
 from firmware_model.emulation.emulator import Emulator
-from firmware_model.image import kept_bytes, ram_bytes
 from firmware_model.vectors import (
     CORNERS,
     FILTER_CORNERS,
@@ -49,7 +48,6 @@ from firmware_model.vectors import (
 )
 from firmware_model.vectors.facts import facts_for
 from firmware_model.vectors.filter_suite import filter_cases
-from firmware_model.vectors.formats import case_header
 from firmware_model.vectors.manifest import FieldPlace
 from tests.streams import random_events
 
@@ -454,6 +452,7 @@ def test_the_first_difference_is_pointed_at(vectors):
         ("r.csv", "case,a/b\n".encode("utf-16"), "the byte 0xff, .* save them as UTF-8"),
         ("r.csv", "case,a/b\n".encode("utf-8-sig"), "the byte 0xef, .* byte order mark"),
         ("r.bin", b"\0\0\0\0\x01\0\0\0\xff\0\0\0", "case number"),
+        ("r.jsonl", b'{"match": 3}\n', r"name a \.csv or \.bin file"),
     ],
 )
 def test_results_that_cannot_be_read_are_refused(vectors, tmp_path, name, content, message):
@@ -636,14 +635,6 @@ def test_a_recording_is_limited_in_windows(tmp_path, capsys):
     assert "of --max-windows 60: the drive is shorter" in capsys.readouterr().err
 
 
-def test_a_header_of_c_says_what_ram_it_takes():
-    """All of it, and what keeps distances."""
-    design = FILTER
-    header = case_header("one", 0, ram_bytes(design), kept_bytes(design), b"", b"", b"")
-    assert f"#define CASE_RAM_BYTES {ram_bytes(design)}U" in header
-    assert f"#define CASE_KEPT_DISTANCES_BYTES {kept_bytes(design)}U" in header
-
-
 def test_a_recording_without_a_match_is_an_error(tmp_path, capsys):
     """Shorter than a window, or than a sequence; nothing is written."""
     made, _ = recorded_drive(tmp_path)
@@ -711,18 +702,6 @@ def test_cases_of_a_size_reach_more_corners_than_the_smallest_ones(most):
     )
     assert len(chosen_corners) > len(smallest_corners)
     assert cases_within(suites, np.inf) == suites
-
-
-def test_results_as_json_lines_are_refused_by_name(vectors, tmp_path, capsys):
-    """They have no format here: neither help nor examples offer them."""
-    results = tmp_path / "x.jsonl"
-    results.write_text('{"match": 3}\n')
-    assert main(["golden", "verify", str(vectors), "--results", str(results)]) == 2
-    assert "name a .csv or .bin file" in capsys.readouterr().err
-    for words in (["golden"], ["golden", "verify"]):
-        with pytest.raises(SystemExit):
-            main([*words, "--help"])
-        assert "jsonl" not in capsys.readouterr().out
 
 
 def test_quiet_prints_nothing_but_errors(vectors, tmp_path, capsys):

@@ -132,12 +132,23 @@ def test_a_case_is_verified_as_the_page_does_it_without_python(vectors, tmp_path
     assert "results.csv: 1 of " in done.stdout
 
 
+def drawn_design(seed):
+    """One of sequences, of the place filter, contrast codes or both, or of seven gains."""
+    rng = np.random.default_rng(seed)
+    if seed < 30:
+        return random_design(rng)
+    if seed < 34:
+        return random_adaptive_design(rng)
+    drawn = iter(lambda: random_adaptive_design(rng, gains=(7,)), None)
+    design = next(design for design in drawn if design.gains > 1)
+    return replace(design, places=[1, design.places, 8][seed % 3])
+
+
 @needs_iverilog
-@pytest.mark.parametrize("seed", [21, 22])
+@pytest.mark.parametrize("seed", [21, 22, *range(31, 37)])
 def test_the_core_returns_random_cases_of_random_designs(tmp_path, seed):
-    """Both kinds of window, lanes that do not divide the slots."""
-    design = random_design(np.random.default_rng(seed))
-    folder = write_vectors(tmp_path / "v", design, seed, "random", slice(1))
+    """Both kinds of window, lanes that do not divide the slots, down to one place."""
+    folder = write_vectors(tmp_path / "v", drawn_design(seed), seed, "random", slice(1))
     outcome = replay.hold(folder, Conditions(seed=seed, stall=30, resets=2))
     assert outcome.differences == []
     assert outcome.compared["event"] == 2000
@@ -205,41 +216,11 @@ def test_the_core_returns_the_corners_of_seven_gains_under_stalls_and_a_reset(tm
     cases = short_filter_cases(GAINS, most_events=1500)
     assert {case.design.places_per_window for case in cases} == {1, 2}
     write_suites(tmp_path / "v", GAINS, {"filter": cases}, 3, rtl=True)
-    for conditions in (Conditions(seed=5, stall=40, resets=1), Conditions(slow_blocks=True)):
+    stalled, slow = Conditions(seed=5, stall=40, resets=1), Conditions(slow_blocks=True)
+    for conditions in (stalled, slow, Conditions(reset_at=1900)):
         outcome = replay.hold(tmp_path / "v", conditions)
         assert outcome.differences == []
         assert min(outcome.compared.values()) > 200
-
-
-@needs_iverilog
-@pytest.mark.parametrize("per_window", [1, 2])
-def test_the_core_returns_a_drive_of_seven_gains(tmp_path, per_window):
-    """With stalls and resets, and with one of a clock anywhere."""
-    cases = [
-        case
-        for case in short_filter_cases(GAINS)
-        if case.design.places_per_window == per_window and len(case.trace().matches) > 8
-    ]
-    write_suites(tmp_path / "v", GAINS, {"filter": cases[:1]}, 3, rtl=True)
-    resets = (Conditions(reset_at=clock) for clock in (900, 1900, 2500))
-    for conditions in (Conditions(seed=5, stall=40, resets=3), *resets):
-        outcome = replay.hold(tmp_path / "v", conditions)
-        assert outcome.differences == []
-        assert outcome.compared["match"] > 8
-
-
-@needs_iverilog
-@pytest.mark.parametrize("seed", [34, 35, 36])
-def test_the_core_returns_random_cases_of_seven_gains(tmp_path, seed):
-    """Of any size, down to one place and to more lanes than slots."""
-    rng = np.random.default_rng(seed)
-    drawn = iter(lambda: random_adaptive_design(rng, gains=(7,)), None)
-    design = next(design for design in drawn if design.gains > 1)
-    design = replace(design, places=[1, design.places, 8][seed % 3])
-    folder = write_vectors(tmp_path / "v", design, seed, "random", slice(1))
-    outcome = replay.hold(folder, Conditions(seed=seed, stall=30, resets=2))
-    assert outcome.differences == []
-    assert outcome.compared["event"] == 2000
 
 
 @pytest.mark.slow
@@ -261,17 +242,6 @@ def test_registers_behind_slow_memories_change_no_corner(tmp_path, suite):
     outcome = replay.hold(tmp_path / "v", Conditions(seed=5, stall=40, resets=2, slow_blocks=True))
     assert outcome.differences == []
     assert min(outcome.compared[kind] for kind in ("event", "window", "match")) > 5
-
-
-@needs_iverilog
-@pytest.mark.parametrize("seed", [31, 32, 33])
-def test_the_core_returns_random_cases_of_random_adaptive_designs(tmp_path, seed):
-    """The place filter, contrast codes, or both."""
-    design = random_adaptive_design(np.random.default_rng(seed))
-    folder = write_vectors(tmp_path / "v", design, seed, "random", slice(1))
-    outcome = replay.hold(folder, Conditions(seed=seed, stall=30, resets=2))
-    assert outcome.differences == []
-    assert outcome.compared["event"] == 2000
 
 
 #: clocks from a window's end until its activity stands, in which no event is counted
@@ -619,6 +589,30 @@ def test_the_sources_are_free_of_lint(tmp_path, design):
         assert (done.returncode, done.stderr) == (0, "")
 
 
+def matches_of_bench(tmp_path, suite, case, top, names, *plus):
+    """Hold the matches that a testbench of the core's surroundings writes to those of a case."""
+    write_suites(tmp_path / "v", case.design, {suite: [case]}, 3, rtl=True)
+    folder = tmp_path / "v" / suite / case.name
+    files = [folder / f"{PACKAGE}.sv"]
+    files += [sources.FOLDER / name for name in (*sources.DEVICE, *names)]
+    command = ["iverilog", "-g2012", "-s", top, "-o", str(tmp_path / "bench.vvp")]
+    subprocess.run([*command, *map(str, files)], check=True)
+    words = [f"+case={suite}/{case.name}", f"+results={tmp_path / 'results.csv'}", *plus]
+    done = subprocess.run(
+        ["vvp", "-n", str(tmp_path / "bench.vvp"), *words], cwd=folder,
+        capture_output=True, text=True, check=True, timeout=600,
+    )  # fmt: skip
+    verdict = verify(tmp_path / "v", read_results(tmp_path / "results.csv"), kinds=("match",))
+    assert (verdict.differences, done.stdout) == ([], "")
+    assert verdict.compared["match"] == len(case.trace().matches) > 0
+
+
+def first_events(design, suite, name, number):
+    """A case of a suite, of which the first events are taken."""
+    (whole,) = [c for c in standard_suites(design, 3, suite)[suite] if c.name == name]
+    return replace(whole, events=whole.events[:number])
+
+
 @pytest.mark.slow
 @needs_iverilog
 @pytest.mark.parametrize(
@@ -627,26 +621,10 @@ def test_the_sources_are_free_of_lint(tmp_path, design):
 )
 def test_the_board_returns_matches_through_its_spi(tmp_path, suite, name):
     """Start time, mean activity, places and events as bytes in, status and matches out."""
-    (whole,) = [c for c in standard_suites(ADAPTIVE, 3, suite)[suite] if c.name == name]
-    cases = [replace(whole, events=whole.events[:150])]
-    write_suites(tmp_path / "v", ADAPTIVE, {suite: cases}, 3, rtl=True)
-    case = tmp_path / "v" / suite / name
-    files = [case / f"{PACKAGE}.sv"]
-    names = (*sources.DEVICE, *boards.ICEBREAKER.sources, sources.UP5K_BENCH)
-    files += [sources.FOLDER / name for name in names]
-    command = ["iverilog", "-g2012", "-s", "vpr_up5k_bench", "-o", str(tmp_path / "board.vvp")]
-    subprocess.run([*command, *map(str, files)], check=True)
-    words = [f"+case={suite}/{name}", f"+results={tmp_path / 'results.csv'}"]
-    done = subprocess.run(
-        ["vvp", "-n", str(tmp_path / "board.vvp"), *words],
-        cwd=case,
-        capture_output=True,
-        text=True,
-        check=True,
-    )
-    verdict = verify(tmp_path / "v", read_results(tmp_path / "results.csv"), kinds=("match",))
-    assert (verdict.differences, done.stdout) == ([], "")
-    assert verdict.compared["match"] == len(cases[0].trace().matches) >= 3
+    case = first_events(ADAPTIVE, suite, name, 150)
+    names = (*boards.ICEBREAKER.sources, sources.UP5K_BENCH)
+    matches_of_bench(tmp_path, suite, case, "vpr_up5k_bench", names)
+    assert len(case.trace().matches) >= 3
 
 
 @needs_iverilog
@@ -662,27 +640,9 @@ def test_the_board_returns_matches_through_its_spi(tmp_path, suite, name):
 )
 def test_a_map_is_loaded_and_matches_are_read_over_axi_lite(tmp_path, suite, name, design):
     """Tables that start undefined, places of one and two parts, and events, as a driver writes."""
-    cases = [case for case in standard_suites(design, 3, suite)[suite] if case.name == name]
-    (chosen,) = [replace(case, events=case.events[:600]) for case in cases]
-    write_suites(tmp_path / "v", design, {suite: [chosen]}, 3, rtl=True)
-    case = tmp_path / "v" / suite / name
-    files = [case / f"{PACKAGE}.sv"]
-    names = (*sources.DEVICE, sources.REGISTERS, sources.AXI, sources.AXI_BENCH)
-    files += [sources.FOLDER / source for source in names]
-    command = ["iverilog", "-g2012", "-s", "vpr_axi_bench", "-o", str(tmp_path / "axi.vvp")]
-    subprocess.run([*command, *map(str, files)], check=True)
-    words = [f"+case={suite}/{name}", f"+results={tmp_path / 'results.csv'}", "+stall=30"]
-    done = subprocess.run(
-        ["vvp", "-n", str(tmp_path / "axi.vvp"), *words],
-        cwd=case,
-        capture_output=True,
-        text=True,
-        check=True,
-        timeout=120,
-    )
-    verdict = verify(tmp_path / "v", read_results(tmp_path / "results.csv"), kinds=("match",))
-    assert (verdict.differences, done.stdout) == ([], "")
-    assert verdict.compared["match"] == len(chosen.trace().matches) > 0
+    case = first_events(design, suite, name, 600)
+    names = (sources.REGISTERS, sources.AXI, sources.AXI_BENCH)
+    matches_of_bench(tmp_path, suite, case, "vpr_axi_bench", names, "+stall=30")
 
 
 def test_package_and_header_have_the_same_registers():

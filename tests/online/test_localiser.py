@@ -220,14 +220,6 @@ def test_odd_streams_equal_the_oracle(name, window, size, places):
     assert without_ratio(matches) == expected_after_each_event(reference, events)
 
 
-def test_ties_everywhere_give_the_lowest_place_and_the_first_outside_the_zone():
-    reference = map_of(np.zeros((200, 5)), window="count", sequence_length=1, exclusion=3)
-    matches = Localiser(reference).update(EVERYWHERE)
-    assert set(matches["place"]) == {0}
-    assert set(matches["second"]) == {4}
-    assert set(matches["ratio"]) == {1.0}
-
-
 def test_a_chunk_of_a_million_events_equals_the_same_events_in_small_chunks():
     rng = np.random.default_rng(0)
     reference = map_of(rng.integers(0, 60, (100, 5)), tau_us=1_000, sequence_length=2)
@@ -298,31 +290,6 @@ def test_a_saved_state_goes_on_bit_for_bit(tmp_path_factory, seed, cut, window, 
     after = second.update(events[cut:])
     assert np.concatenate([before, after]).tobytes() == whole.tobytes()
     check_state(second)
-
-
-def test_a_damaged_state_is_an_error(tmp_path):
-    (tmp_path / "state.npz").write_bytes(b"nothing")
-    with pytest.raises(MapError, match="is not a localiser state of edge-vpr"):
-        Localiser.load(tmp_path / "state.npz")
-
-
-@pytest.mark.parametrize(
-    "events",
-    [make_events([5, 4], [0, 0], [0, 0]), make_events([5, 6], [0, 0], [0, 9])],
-    ids=["time", "sensor"],
-)
-def test_a_faulty_chunk_is_refused_and_changes_nothing(events):
-    reference = map_of(
-        np.random.default_rng(0).integers(0, 4, (50, 5)), tau_us=2, sequence_length=1
-    )
-    localiser = Localiser(reference)
-    localiser.update(EVERYWHERE[:4])
-    before = localiser.settled().sums.copy()
-    with pytest.raises(EventError):
-        localiser.update(events)
-    assert np.array_equal(localiser.settled().sums, before)
-    with pytest.raises(EventError, match="backwards"):
-        localiser.update(EVERYWHERE[:2])
 
 
 def test_a_clock_that_jumps_by_years_is_an_error_where_it_would_flood():

@@ -20,7 +20,7 @@ from edge_vpr.online.kernels import process_events, selected_in_order
 from edge_vpr.online.localiser import Localiser
 from edge_vpr.online.schedule import MatchSchedule
 from edge_vpr.online.sliding_windows import ContrastCodes, write_codes
-from edge_vpr.online.state import CHUNK_EVENTS, MATCHES_AT_ONCE
+from edge_vpr.online.state import MATCHES_AT_ONCE
 from fixedpoint.own_mean import OwnMeanCode
 from tests.online.test_filter_run import map_of as filtered_map
 from tests.online.test_filter_run import with_ways
@@ -53,19 +53,6 @@ def of_another_layout(events):
     for name in EVENT_DTYPE.names:
         other[name] = events[name]
     return other
-
-
-def test_more_than_a_few_events_go_by_columns_and_give_the_same():
-    rng = np.random.default_rng(7)
-    reference = a_map(rng, "filter", "time", {})
-    events = random_events(rng, 2 * CHUNK_EVENTS, SENSOR, 40_000)
-    every = MatchSchedule(events=5)
-    whole = Localiser(reference, every=every).update(events)
-    matches = feed(
-        Localiser(reference, every=every), split_events(events, [CHUNK_EVENTS, CHUNK_EVENTS + 1])
-    )
-    assert whole.size > 100
-    assert matches.tobytes() == whole.tobytes()
 
 
 @given(

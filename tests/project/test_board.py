@@ -32,7 +32,9 @@ def of_unit(key: str) -> list[str]:
     return re.findall(rf"^{key}=(.*)$", UNIT, re.MULTILINE)
 
 
-@pytest.mark.parametrize("script", SCRIPTS, ids=lambda path: path.name)
+@pytest.mark.parametrize(
+    "script", [*SCRIPTS, Path(__file__).parents[1] / "in_debian.sh"], ids=lambda path: path.name
+)
 def test_shellcheck_finds_nothing_in_a_script(script):
     run = subprocess.run([tool("shellcheck"), str(script)], capture_output=True, text=True)
     assert run.returncode == 0, run.stdout

@@ -4,12 +4,9 @@ from __future__ import annotations
 
 import ast
 import re
-import shutil
-import subprocess
 import tomllib
 from pathlib import Path
 
-import pytest
 from packaging.requirements import Requirement
 
 ROOT = Path(__file__).parents[2]
@@ -58,13 +55,6 @@ def test_what_cannot_be_installed_everywhere_is_imported_by_no_module_that_is_co
     assert importing, "nothing to leave out"
     for path in importing:
         assert any(path.is_relative_to(each) for each in left_out), path
-
-
-def test_shellcheck_finds_nothing_in_the_script():
-    if shutil.which("shellcheck") is None:
-        pytest.skip("shellcheck is not installed")
-    run = subprocess.run(["shellcheck", str(SCRIPT)], capture_output=True, text=True, check=False)
-    assert run.returncode == 0, run.stdout
 
 
 def test_each_part_names_tests_that_there_are():

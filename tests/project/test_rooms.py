@@ -100,8 +100,6 @@ def test_no_circle_of_imports():
             name = ".".join(path.relative_to(parent).with_suffix("").parts)
             files[name.removesuffix(".__init__")] = path
     arrows = {name: set(_loads(path, files)) - {name} for name, path in files.items()}
-    with pytest.raises(graphlib.CycleError):
-        graphlib.TopologicalSorter({"a": {"b"}, "b": {"a"}}).prepare()
     graphlib.TopologicalSorter(arrows).prepare()
 
 

@@ -392,6 +392,14 @@ def test_rows_of_a_server_are_published_until_it_is_gone_which_is_said(messages,
     assert levels[-1] == messages.ERROR
 
 
+def install(monkeypatch, doubles):
+    """Put doubles of modules, with what is called of them, in the place of ROS 2."""
+    for name, content in doubles.items():
+        double = ModuleType(name)
+        vars(double).update(content)
+        monkeypatch.setitem(sys.modules, name, double)
+
+
 class Node:
     """What of a node of rclpy the adapter uses."""
 
@@ -425,10 +433,7 @@ def test_a_node_of_rclpy_has_the_names_and_qualities_of_service(messages, monkey
         },
         "rosidl_runtime_py.utilities": {"get_message": lambda kind: SimpleNamespace},
     }  # fmt: skip
-    for name, content in doubles.items():
-        double = ModuleType(name)
-        vars(double).update(content)
-        monkeypatch.setitem(sys.modules, name, double)
+    install(monkeypatch, doubles)
     sys.modules["rclpy"].qos = sys.modules["rclpy.qos"]
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as odometer:
         odometer.bind(("127.0.0.1", 0))
@@ -488,10 +493,7 @@ def test_the_launch_file_starts_stream_node_and_filter(monkeypatch, launch_argum
         "launch_ros.actions": {"Node": kept},
         "launch_ros.parameter_descriptions": {"ParameterValue": lambda value, value_type: value},
     }  # fmt: skip
-    for name, content in doubles.items():
-        double = ModuleType(name)
-        vars(double).update(content)
-        monkeypatch.setitem(sys.modules, name, double)
+    install(monkeypatch, doubles)
     spec = importlib.util.spec_from_file_location(
         "edge_vpr_launch", ADAPTER / "launch/edge_vpr.launch.py"
     )
