@@ -294,22 +294,24 @@ def test_a_recording_of_another_sensor_does_not_fit_the_map():
         reference.match(Drive(events, Sensor(10, 7)))
 
 
-@pytest.mark.parametrize("window", ["time", "count"])
-def test_a_window_longer_than_the_recording_is_wrong_use(window):
-    events = random_events(np.random.default_rng(2), 50, SENSOR, 250_000)
-    reference = ReferenceMap.build(Drive(events, SENSOR), SMALL)
-    short = events[:1]
-    with pytest.raises(UsageError, match="shorter than one window of"):
-        describe(
-            Drive(short, SENSOR),
-            reference.pixel_map,
-            SMALL.replaced({"window": window, "events_per_pixel": 100.0}, ""),
-        )
-
-
-def test_an_empty_recording_is_wrong_use():
-    with pytest.raises(UsageError, match=r"shorter than one window of 0.1 s"):
-        ReferenceMap.build(Drive(make_events([], [], []), SENSOR), SMALL)
+@pytest.mark.parametrize(
+    ("number", "changes", "says"),
+    [
+        (0, {}, r"shorter than one window of 0.1 s"),
+        (1, {"window": "count", "events_per_pixel": 100.0}, "shorter than one window of"),
+        (963, {"tau_us": 10**9, "remove_bursts": False}, "its last event is at {} s"),
+    ],
+)
+def test_a_window_longer_than_the_recording_is_wrong_use(number, changes, says):
+    events = busy_drive(np.random.default_rng(1), 900)[:number]
+    drive, settings = Drive(events, SENSOR), SMALL.replaced(changes, "")
+    says = says.format(*(f"{t / 1e6:g}" for t in events["t"][-1:]))
+    for use in (
+        lambda: ReferenceMap.build(drive, settings),
+        lambda: describe(drive, PixelMap.all_of(SENSOR), settings),
+    ):
+        with pytest.raises(UsageError, match=says):
+            use()
 
 
 def test_clipping_changes_neither_the_events_of_a_window_nor_the_hot_pixels():
@@ -419,12 +421,3 @@ def test_a_source_of_ones_own_may_yield_the_fields_of_events_in_any_type():
     wide = np.asarray(events).astype([("t", "f8"), ("x", "f8"), ("y", "i4"), ("p", "i1")])
     own = Drive(wide[["y", "x", "t"]], SENSOR)
     assert ReferenceMap.build(own, SMALL) == ReferenceMap.build(Drive(events, SENSOR), SMALL)
-
-
-def test_a_short_recording_says_where_it_ends():
-    events = busy_drive(np.random.default_rng(1), 900)
-    end = events["t"][-1] / 1e6
-    with pytest.raises(UsageError, match=f"its last event is at {end:g} s"):
-        ReferenceMap.build(
-            Drive(events, SENSOR), SMALL.replaced({"tau_us": 10**9, "remove_bursts": False}, "")
-        )
