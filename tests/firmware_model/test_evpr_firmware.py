@@ -384,10 +384,7 @@ PATIENT = ("-DEVPR_FRAME_US=0x7FFFFFFFU",)
 
 def test_pauses_stand_in_for_a_frame_as_long_as_they_are_shorter(folder):
     """Any step, up to the longest that six pauses make."""
-    check_pauses(built_for_host(folder, name="patient", options=PATIENT))
-
-
-def check_pauses(patient):
+    patient = built_for_host(folder, name="patient", options=PATIENT)
     for setup, script, frames in pause_scripts():
         said = check(setup, script, run_host(patient, setup, script))
         assert [len(of_frame) for of_frame in said[:-2]] == frames

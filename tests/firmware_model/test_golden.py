@@ -49,7 +49,7 @@ from firmware_model.vectors import (
 from firmware_model.vectors.facts import facts_for
 from firmware_model.vectors.filter_suite import filter_cases
 from firmware_model.vectors.manifest import FieldPlace
-from tests.streams import random_events
+from tests.streams import random_events, write_drives
 
 DESIGN = Design(width=24, height=16, pixels=9, places=20, length=3, code_bits=3, lanes=4)
 FILTER = replace(DESIGN, matching="filter", length=1, code="contrast")
@@ -560,11 +560,7 @@ def test_a_suite_that_a_design_has_not_is_refused(tmp_path, capsys):
 )
 def test_a_map_and_a_recording_make_vectors_that_are_the_pipelines_matches(tmp_path, settings):
     """All windows and matches of a random drive, by counts and by codes."""
-    rng = np.random.default_rng(5)
-    sensor = Sensor(16, 12)
-    for name in ("reference", "query"):
-        events = random_events(rng, 6_000, sensor, 3_000_000)
-        write_recording(tmp_path / f"{name}.npz", [events], sensor=sensor)
+    write_drives(tmp_path, 6_000, Sensor(16, 12), 3_000_000)
     made = tmp_path / "map.npz"
     flags = ["--pixels", "8", "--sigma", "1", "--tau", "50ms", "-L", "3", *settings]
     assert main(["map", str(tmp_path / "reference.npz"), "-o", str(made), *flags]) == 0

@@ -275,22 +275,6 @@ def test_hostile_bytes_take_bounded_memory_and_time_in_proportion(host, hostile)
 
 
 @every_protocol
-def test_a_device_that_restarts_is_followed_and_time_never_runs_backwards(device, host, checked):
-    first, second = dense(5_000, 1), dense(5_000, 2)
-    first.t += 20_000_000
-    restarted = f"{device}{',' if ':' in device else ':'}boot=1" if "evpr" in device else device
-    sent = encoded(device, first) + encoded(restarted, second)
-    decoder = open_decoder(host, SENSOR)
-    arrived = decoded(decoder, sent)
-    assert (np.diff(arrived["t"]) >= 0).all()
-    assert np.array_equal(pixels(arrived[-4_000:]), pixels(second[-4_000:]))
-    assert arrived.size >= 9_900
-    if device.startswith("evpr"):
-        assert decoder.health.device_resets == 1
-        assert arrived.size == 10_000
-
-
-@every_protocol
 def test_bytes_that_the_host_lost_are_told_and_the_stream_goes_on(device, host, checked):
     events = dense(20_000)
     sent = encoded(device, events, 50)
