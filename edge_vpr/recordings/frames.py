@@ -52,29 +52,6 @@ def _check_size(path: Path, frame: npt.NDArray[Any], first: Sensor | None) -> No
         )
 
 
-def read_png(path: Path) -> npt.NDArray[np.uint8]:
-    """Read a grey or coloured PNG as an image of 8 bits a channel.
-
-    Returns
-    -------
-    ndarray of uint8, shape (height, width) or (height, width, 3 or 4)
-        Red, green, blue and alpha; the upper 8 bits of 16-bit values.
-
-    Raises
-    ------
-    RecordingError
-        If it is damaged, of another mode, or larger than :data:`MOST_PIXELS`.
-    """
-    pixels, mode = _open_png(path)
-    if mode in ("L", "RGB", "RGBA"):
-        return pixels.astype(np.uint8)
-    if mode.startswith("I") and pixels.min(initial=0) >= 0 and pixels.max(initial=0) <= 0xFFFF:
-        return (pixels >> 8).astype(np.uint8)
-    raise RecordingError(
-        f"{path} has mode {mode}: write 8- or 16-bit grey, or RGB without a palette"
-    )
-
-
 def _open_png(path: Path) -> tuple[npt.NDArray[Any], str]:
     """Return the pixels of a PNG and Pillow's name of their mode."""
     from PIL import Image
@@ -102,7 +79,7 @@ def _open_png(path: Path) -> tuple[npt.NDArray[Any], str]:
     return pixels, mode
 
 
-def number_key(path: Path) -> list[tuple[int, str]]:
+def _number_key(path: Path) -> list[tuple[int, str]]:
     """Return a key that sorts ``frame_2`` before ``frame_10``."""
     return [
         (int(part), "") if part.isdigit() else (-1, part) for part in re.split(r"(\d+)", path.stem)
@@ -185,7 +162,7 @@ def _frame_arrays(folder: Path) -> list[Path]:
     return list(folder.glob("frame_*.npy")) or list(folder.glob("*.npy"))
 
 
-def read_metadata(folder: Path) -> tuple[Fraction | None, int]:
+def _read_metadata(folder: Path) -> tuple[Fraction | None, int]:
     """Read the duration of a frame, and the time at which the first one begins.
 
     Parameters
@@ -399,11 +376,11 @@ class CountFrames:
             raise RecordingError(
                 f"{self.path} holds no *.png and no *.npy: name a folder of count frames"
             )
-        self._images = sorted(images, key=number_key)
+        self._images = sorted(images, key=_number_key)
         first = self._read_image(self._images[0], None)
         self._grid(*first.shape)
         self.n_frames = len(self._images)
-        self.period, self.start_us = read_metadata(self.path)
+        self.period, self.start_us = _read_metadata(self.path)
 
     @contextmanager
     def _stream(self) -> Iterator[ArrayStream]:
