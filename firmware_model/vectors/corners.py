@@ -47,8 +47,9 @@ def _roomy(design: Design) -> int:
 
 def event_cases(design: Design) -> list[Case]:
     """Make the corner cases of events and windows."""
-    cases = [_event_case(name, variant) for name, variant in _event_designs(design).items()]
-    by_time = _event_designs(design)["events_by_time"]
+    designs = _event_designs(design)
+    cases = [_event_case(name, variant) for name, variant in designs.items()]
+    by_time = designs["events_by_time"]
     return [*cases, _many_windows(by_time), _near_ends(by_time)]
 
 

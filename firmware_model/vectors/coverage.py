@@ -118,9 +118,9 @@ def _see_event(
         tau = design.tau_us
         elapsed = tau - machine.left(event.t)
         ends = elapsed >= tau
-        tally["on_the_boundary"] += elapsed > 0 and elapsed % tau == 0
-        tally["before_the_boundary"] += elapsed > 0 and elapsed % tau == tau - 1
         behind = elapsed % tau
+        tally["on_the_boundary"] += elapsed > 0 and behind == 0
+        tally["before_the_boundary"] += elapsed > 0 and behind == tau - 1
         tally["behind_silence"] += elapsed >= 2 * tau and behind > 0 and behind & (behind - 1) == 0
         tally["late"] += elapsed < 0
         tally["half_a_period_late"] += elapsed - tau == 1 << (design.timestamp_bits - 1)

@@ -132,8 +132,8 @@ def measure(draw: Draw) -> Iterator[Row]:
                 row |= _accepted([~drive.lost for drive in matches])
             else:
                 row |= rates(matches[0], pairs[0].truth)
-            if len(pairs) == 1 and matching == "live":
-                row |= first_matches(shown, lambda matches: ~matches.lost)
+                if matching == "live":
+                    row |= first_matches(shown, lambda matches: ~matches.lost)
             yield row
 
 
