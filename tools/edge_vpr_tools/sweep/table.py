@@ -43,7 +43,8 @@ def read_lines(path: Path) -> Sequence[Line]:
         with io.TextIOWrapper(open_input(path), newline="", encoding="utf-8") as file:
             rows = list(csv.reader(file))
     except (OSError, ValueError, csv.Error) as error:
-        raise UsageError(f"{path} cannot be read ({error}): check the path") from error
+        reason = getattr(error, "strerror", None) or error
+        raise UsageError(f"{path} cannot be read ({reason}): check the path") from error
     if rows[:1] != [list(COLUMNS)]:
         raise UsageError(
             f"{path} is not the file of a sweep of edge-vpr {edge_vpr.__version__}, whose columns "
