@@ -1,4 +1,4 @@
-"""Section 10 of docs/specification.md as a program: matching of drives on a computer only.
+"""What only a computer adds to a device, to the bit; section 10 of docs/specification.md lists it.
 
 Smoothing, odometry, unseen time and misfit extend the place filter of `specification`.
 """
