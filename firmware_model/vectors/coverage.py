@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Container
 
 from firmware_model.design import Design
 from firmware_model.memories import Lookup
@@ -62,13 +63,20 @@ CORNERS = {
 }
 
 
-def coverage(case: Case) -> dict[str, int]:
+def coverage(case: Case, wanted: Container[str] = FILTER_CORNERS) -> dict[str, int]:
     """Count how often a case reaches each of `CORNERS`; see `watched_trace`."""
-    return watched_trace(case)[1]
+    return watched_trace(case, wanted)[1]
 
 
-def watched_trace(case: Case) -> tuple[Trace, dict[str, int]]:
+def watched_trace(
+    case: Case, wanted: Container[str] = FILTER_CORNERS
+) -> tuple[Trace, dict[str, int]]:
     """Run the model over a case, and count how often it reaches each of `CORNERS`.
+
+    Parameters
+    ----------
+    wanted : container of str
+        Facts that are counted though they take long; all others are.
 
     Returns
     -------
@@ -82,7 +90,7 @@ def watched_trace(case: Case) -> tuple[Trace, dict[str, int]]:
     machine, lookup = Machine(case.memories, case.start), case.memories.lookup()
     corners = CORNERS | FILTER_CORNERS if case.design.pauses else CORNERS
     tally: Counter[str] = Counter(dict.fromkeys(corners, 0))
-    facts = Facts(machine, tally)
+    facts = Facts(machine, tally, wanted)
     before: list[int | None] = [None, None]
     rows: list[list[int]] = []
     for event in case.events:

@@ -6,9 +6,9 @@ Facts are computed from what the model keeps and returns, not from how a case wa
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Container, Iterator
 from contextlib import contextmanager
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 from firmware_model import specification
 from firmware_model.design import (
@@ -53,15 +53,19 @@ from firmware_model.specification import (
     which_sum,
     window_mean,
 )
-from fixedpoint.activity import BANK_COSTS, GAINS, PAUSE_SHIFT, SAME_ROW, SUMS
+from firmware_model.vectors.case import Case, window_codes
+from fixedpoint.activity import BANK_COSTS, GAINS, PARTS, PAUSE_SHIFT, SAME_ROW, SUMS
 from fixedpoint.own_mean import FIRST_SHIFT, LAST_SHIFT, LEVEL_FRACTION_BITS, MEAN_FRACTION_BITS
-
-if TYPE_CHECKING:
-    from firmware_model.vectors.case import Case
 
 #: bits of mean numbers of events that no window of a small case has
 LARGE_MEANS = range(19, 24)
 _ROWS = range(len(BANK_COSTS[1]))
+#: facts of the parts of an octave in the logarithm of the mean
+LOGARITHMS = [f"logarithm_{n}{which}" for which in ("", "_below") for n in range(PARTS)]
+_OF_THE_MIDDLE = (
+    "middle_below", "middle_above", "middle_of_the_reach", "near_at_threshold", "near_beyond",
+    "middle_at_the_first", "middle_at_the_last", "told_back",
+)  # fmt: skip
 #: facts of a design with the place filter; what is counted as one occurrence of each
 FILTER = {
     "first_window": "a first window that does not pause: its evidence is scaled by its own spread",
@@ -211,11 +215,35 @@ def facts_for(design: Design) -> set[str]:
     return names
 
 
-class Facts:
-    """Counts facts from what a machine keeps before and after each window."""
+def own_facts(design: Design) -> set[str]:
+    """Return the facts that are looked for in cases of a design with the place filter itself.
 
-    def __init__(self, machine: Machine, tally: Counter[str]) -> None:
-        self.machine, self.tally = machine, tally
+    The parts of a logarithm's table and a drive of 1,024 windows are the same in every design, and
+    take long to show in a large map.
+    """
+    names = facts_for(design).difference(LOGARITHMS, {"window_above_1023"})
+    half = design.places_per_window == 2
+    names -= {name for name in FILTER if name.startswith("costs_" if half else "half_costs_")}
+    if half:
+        names |= {"costs_below", "costs_above"}
+        names -= {"whole_place_told"}
+    else:
+        names -= set(_OF_THE_MIDDLE)
+    if not design.contrast:
+        names -= set(CONTRAST)
+    if design.places <= 256:
+        names -= {"ties_above_255"}
+    return names
+
+
+class Facts:
+    """Counts facts from what a machine keeps before and after each window.
+
+    Facts that another device or filter decides take long, and are counted only if they are wanted.
+    """
+
+    def __init__(self, machine: Machine, tally: Counter[str], wanted: Container[str]) -> None:
+        self.machine, self.tally, self._wanted = machine, tally, wanted
         self._kept: Kept = machine.kept
         self._residuals = (0, 0, 0)  # of the last matches, the newest first
         self._paused = False
@@ -432,7 +460,7 @@ class Facts:
             state = self._others.get(
                 name, Filter([[0] * len(filter_map.activity)] * len(filter_map.gains))
             )
-            if state is None:
+            if state is None or name not in self._wanted:
                 continue
             other = _advance_without(
                 filter_map, state, window.activity, window.paused, self.machine.compared, rule
@@ -444,12 +472,17 @@ class Facts:
     def see_case(self, case: Case, done: Trace) -> None:
         """Run a whole case again, on each device without a rule on which it may depend."""
         for name, (needed, rule, other) in _OTHER_DEVICES.items():
-            if self.tally[needed]:
-                with _replaced(rule, other):
+            if not self.tally[needed] or name not in self._wanted:
+                continue
+            with _replaced(rule, other):
+                if name in CONTRAST:  # of codes: without matches, it takes no time
+                    codes = window_codes(case.memories, case.events, case.start)
+                    self.tally[name] += codes != [window.codes for window in done.windows]
+                else:
                     results = case.trace()
-                self.tally[name] += (results.windows, results.matches) != (
-                    done.windows, done.matches,
-                )  # fmt: skip
+                    self.tally[name] += (results.windows, results.matches) != (
+                        done.windows, done.matches,
+                    )  # fmt: skip
 
     def _see_means(self) -> None:
         tally, kept, design = self.tally, self._kept, self.machine.design

@@ -1,15 +1,17 @@
-"""The suite ``filter``: random cases of the place filter until every fact was seen.
+"""The suites ``filter`` and ``own``: random cases of the place filter until every fact was seen.
 
-Each kind of case draws designs, maps and drives from its own ranges. A case is kept if it shows a
-fact of `vectors.facts` that none before it has shown.
+Each kind of case draws maps and drives from its own ranges, and for ``filter`` also designs; those
+of ``own`` have the design itself. A case is kept if it shows a fact of `vectors.facts` that none
+before it has shown.
 """
 
 from __future__ import annotations
 
 from bisect import bisect_left
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from itertools import cycle
+from typing import Any
 
 import numpy as np
 
@@ -19,7 +21,7 @@ from firmware_model.specification import gains_of, ilog, mean_activity_after
 from firmware_model.specification_drive import bias_of, typical_distances
 from firmware_model.vectors.case import Case, Stream
 from firmware_model.vectors.coverage import coverage
-from firmware_model.vectors.facts import CONTRAST, SEVERAL_GAINS, facts_for
+from firmware_model.vectors.facts import CONTRAST, LOGARITHMS, SEVERAL_GAINS, facts_for, own_facts
 from fixedpoint.activity import EVENTS_TOP, PARTS, PAUSE_SHIFT
 from fixedpoint.own_mean import FIRST_SHIFT, LAST_SHIFT
 
@@ -27,9 +29,13 @@ from fixedpoint.own_mean import FIRST_SHIFT, LAST_SHIFT
 ENOUGH_PIXELS = 8
 #: cases that are drawn of each kind before a fact is given up, and of fewer pixels
 MOST_DRAWS, FEW_DRAWS = 400, 40
+#: cases that are drawn of each kind of a design that does not vary
+OWN_DRAWS = 6
 
-#: name, design, random numbers, and how many of its kind were drawn before
-Draw = Callable[[str, Design, np.random.Generator, int], Case]
+#: makes a variant of a design: `replace`, or `_as_it_is`
+Vary = Callable[..., Design]
+#: name, design, how it varies, random numbers, and how many of its kind were drawn before
+Draw = Callable[[str, Design, Vary, np.random.Generator, int], Case]
 
 
 def filter_cases(design: Design, seed: int = 0) -> list[Case]:
@@ -52,39 +58,70 @@ def filter_cases(design: Design, seed: int = 0) -> list[Case]:
     )  # fmt: skip
     if design.window == "time" and design.tau_us < 4:
         design = replace(design, tau_us=4, timestamp_bits=max(design.timestamp_bits, 8))
+    wanted, enough = facts_for(design), design.pixels >= ENOUGH_PIXELS
     rng = np.random.default_rng((seed, 64))
-    missing = facts_for(design)
+    cases = _until_seen(design, replace, _KINDS, wanted, MOST_DRAWS if enough else FEW_DRAWS, rng)
+    if wanted and enough:
+        raise VectorError(
+            f"no case of {MOST_DRAWS} of each kind shows these facts: {', '.join(sorted(wanted))}"
+        )
+    return cases
+
+
+def own_cases(design: Design, seed: int = 0) -> list[Case]:
+    """Make the cases of the suite ``own``, for a core that has no other design.
+
+    Parameters
+    ----------
+    design : Design
+        With the place filter.
+    """
+    rng = np.random.default_rng((seed, 65))
+    kinds = _KINDS if design.window == "time" else {"drive": _drive, "near": _near}
+    return _until_seen(design, _as_it_is, kinds, own_facts(design), OWN_DRAWS, rng)
+
+
+def _as_it_is(design: Design, **values: Any) -> Design:
+    """Return the design of a core that has no other values."""
+    return design
+
+
+def _until_seen(
+    design: Design,
+    vary: Vary,
+    kinds: Mapping[str, Draw],
+    missing: set[str],
+    most: int,
+    rng: np.random.Generator,
+) -> list[Case]:
+    """Draw cases until no fact is missing, or so many of each kind; remove the facts they show."""
     chosen: list[Case] = []
-    most = MOST_DRAWS if design.pixels >= ENOUGH_PIXELS else FEW_DRAWS
-    for number, (kind, draw) in enumerate(cycle(_KINDS.items())):
-        if not missing or number == most * len(_KINDS):
+    for number, (kind, draw) in enumerate(cycle(kinds.items())):
+        if not missing or number == most * len(kinds):
             break
         if not missing & _AIMED.get(kind, missing):
             continue
-        drawn = number // len(_KINDS)
+        drawn = number // len(kinds)
         if kind == "logarithm":  # the next one that is missing
-            left = [at for at, name in enumerate(_LOGARITHMS) if name in missing]
+            left = [at for at, name in enumerate(LOGARITHMS) if name in missing]
             drawn = left[drawn % len(left)]
-        case = draw(f"{kind}_{number // len(_KINDS)}", _variant(design, rng), rng, drawn)
-        seen = {name for name, times in coverage(case).items() if times}
+        name = f"{kind}_{number // len(kinds)}"
+        case = draw(name, _variant(design, vary, rng), vary, rng, drawn)
+        seen = {name for name, times in coverage(case, missing).items() if times}
         if missing & seen:
             chosen.append(case)
             missing -= seen
-    if missing and design.pixels >= ENOUGH_PIXELS:
-        raise VectorError(
-            f"no case of {MOST_DRAWS} of each kind shows these facts: {', '.join(sorted(missing))}"
-        )
     return chosen
 
 
-def _variant(design: Design, rng: np.random.Generator) -> Design:
+def _variant(design: Design, vary: Vary, rng: np.random.Generator) -> Design:
     """Draw what a device may have otherwise, of the same kind of codes or with counts."""
     by_time = design.gains > 1 or rng.random() < 0.5
     if design.gains == 1 and rng.random() < 0.3:
-        design = replace(design, code="counts")
+        design = vary(design, code="counts")
     if rng.random() < 0.2:  # of so few that codes are beyond both ends
-        design = replace(design, code_bits=min(design.code_bits, 3))
-    return replace(
+        design = vary(design, code_bits=min(design.code_bits, 3))
+    return vary(
         design,
         window="time" if by_time else design.window,
         tau_us=max(design.tau_us, 4),
@@ -97,25 +134,17 @@ def _variant(design: Design, rng: np.random.Generator) -> Design:
 # Drives through a map.
 
 
-def drive_cases(design: Design, rng: np.random.Generator, number: int = 3) -> list[Case]:
-    """Make drives through maps of the design itself, for a core that has no other design."""
-    return [_driven(f"drive_{i}", design, rng, 60) for i in range(number if design.filters else 0)]
-
-
-def _drive(name: str, design: Design, rng: np.random.Generator, drawn: int) -> Case:
+def _drive(name: str, design: Design, vary: Vary, rng: np.random.Generator, drawn: int) -> Case:
     """Draw a drive through a map of few places."""
     places = int(rng.choice([1, 2, 3, 4, 5, 6, 7, 8, 9, 12, 12, 16, 24]))
-    case = _driven(name, replace(design, places=places), rng, int(rng.integers(10, 26)))
-    return _at_threshold(case, rng)
-
-
-def _driven(name: str, design: Design, rng: np.random.Generator, windows: int) -> Case:
-    """Draw a map whose near places are alike, and a drive along it: any speed, gain and light."""
-    places, rates = design.places, _rates(design, rng)
+    design = vary(design, places=places)
+    windows = 60 if design.places > 24 else int(rng.integers(10, 26))
+    rates = _rates(design, rng)
+    places = design.places
     shown = [_counts(rates[k], 1.0, rng) for k in range(places)]
     for counts in shown:
         counts[-1] += not any(counts)  # windows by count have some
-    design = _long_enough(design, shown)
+    design = _long_enough(design, shown, vary)
     stream, reference = Stream(design), Stream(design)
     for counts in shown:
         reference.fill(counts)
@@ -137,12 +166,13 @@ def _driven(name: str, design: Design, rng: np.random.Generator, windows: int) -
             stream.fill(_counts(rates[place], less * 2.0**gain * max(speed, 0.4), rng))
     stream.close()
     typical = typical_distances(codes)
-    return stream.case(
+    case = stream.case(
         name, codes, mean=mean, limits=limits,
         activity=activity if rng.random() < 0.8 else int(activity * 2 ** rng.normal(0, 3)),
         place_activity=_activities(events, activity, rng),
         place_bias=bias_of(typical) if rng.random() < 0.7 else _biases(design, rng),
     )  # fmt: skip
+    return _at_threshold(case, vary, rng)
 
 
 def _rates(
@@ -164,11 +194,11 @@ def _counts(rates: Sequence[float], gain: float, rng: np.random.Generator) -> li
     return [int(count) for count in np.minimum(rng.poisson(np.asarray(rates) * gain), 40)]
 
 
-def _long_enough(design: Design, shown: Sequence[Sequence[int]]) -> Design:
+def _long_enough(design: Design, shown: Sequence[Sequence[int]], vary: Vary) -> Design:
     """Give windows by count as many events as the largest that is shown."""
     if design.window == "time":
         return design
-    return replace(design, window_events=max(map(sum, shown)) + 1)
+    return vary(design, window_events=max(map(sum, shown)) + 1)
 
 
 def _means(design: Design, rng: np.random.Generator) -> list[int] | None:
@@ -219,22 +249,22 @@ def _moved(
     return min(max(place + speed, 0), last), gain, speed
 
 
-def _at_threshold(case: Case, rng: np.random.Generator) -> Case:
+def _at_threshold(case: Case, vary: Vary, rng: np.random.Generator) -> Case:
     """Set the threshold to a trust of the drive, or to one above it, at times."""
     trusts = sorted({match.trust for match in case.trace().matches if match.trust})
     if not trusts or rng.random() < 0.3:
         return case
     trust = int(rng.choice(trusts)) + int(rng.integers(2))
-    memories = replace(case.memories, design=replace(case.design, trust=min(trust, 368)))
+    memories = replace(case.memories, design=vary(case.design, trust=min(trust, 368)))
     return replace(case, memories=memories)
 
 
 # Numbers of events: at the thresholds of pauses, of few events, and of logarithms.
 
 
-def _numbers(name: str, design: Design, rng: np.random.Generator, drawn: int) -> Case:
+def _numbers(name: str, design: Design, vary: Vary, rng: np.random.Generator, drawn: int) -> Case:
     """Draw windows whose numbers of events lie at thresholds, with the same pixels busy."""
-    design = replace(design, window="time", places=int(rng.choice([2, 3, 5, 8])))
+    design = vary(design, window="time", places=int(rng.choice([2, 3, 5, 8])))
     own = int(rng.choice([-128, -60, -20, 0, 0, 30]))
     activity = int(2 ** rng.uniform(3, 12)) << ACTIVITY_FRACTION_BITS
     stream, mean, shown = Stream(design), activity, []
@@ -287,9 +317,11 @@ def _spread(number: int, design: Design, rng: np.random.Generator) -> list[int]:
     return counts
 
 
-def _logarithms(name: str, design: Design, rng: np.random.Generator, drawn: int) -> Case:
-    """Draw a mean number of 18 bits or more at an edge of `_LOGARITHMS`, and windows by it."""
-    design = replace(design, window="time", places=4)
+def _logarithms(
+    name: str, design: Design, vary: Vary, rng: np.random.Generator, drawn: int
+) -> Case:
+    """Draw a mean number of 18 bits or more at an edge of `LOGARITHMS`, and windows by it."""
+    design = vary(design, window="time", places=4)
     log = (17 + int(rng.integers(2))) * PARTS + drawn % PARTS
     edge = bisect_left(range(EVENTS_TOP), log, key=ilog)
     below = drawn // PARTS % 2
@@ -315,9 +347,9 @@ def _logarithms(name: str, design: Design, rng: np.random.Generator, drawn: int)
     return stream.case(name, codes, activity=start, place_activity=[own] * design.places)
 
 
-def _sums(name: str, design: Design, rng: np.random.Generator, drawn: int) -> Case:
+def _sums(name: str, design: Design, vary: Vary, rng: np.random.Generator, drawn: int) -> Case:
     """Draw places that are not alike, and windows of so few events that gains look at all sums."""
-    design = replace(design, window="time", places=int(rng.choice([6, 9])), restart=30)
+    design = vary(design, window="time", places=int(rng.choice([6, 9])), restart=30)
     stream, events = Stream(design), int(rng.integers(10, 60))
     for _ in range(int(rng.choice([30, 100]))):
         stream.fill(_spread(int(events * 2 ** rng.normal(0, 0.4)) + 1, design, rng))
@@ -331,14 +363,15 @@ def _sums(name: str, design: Design, rng: np.random.Generator, drawn: int) -> Ca
 # Distances: wide ones, small spreads, many places.
 
 
-def _wide(name: str, design: Design, rng: np.random.Generator, drawn: int) -> Case:
+def _wide(name: str, design: Design, vary: Vary, rng: np.random.Generator, drawn: int) -> Case:
     """Draw places of any codes, with distances and sums of them above 8 and 16 bits."""
     if design.slots * 255 + 255 <= 0xFFFF:
-        design = replace(design, code_bits=8)
+        design = vary(design, code_bits=8)
     far = design.slots * design.code_max
     # sums of distances, or of deviations, above 16 bits; and one place among many
     places = (12, min(max(12, 6 * 0x10000 // far), 400), 150)[drawn % 3]
-    design = replace(design, places=places, window="time")
+    design = vary(design, places=places, window="time")
+    places = design.places
     stream = Stream(design)
     windows = [_spread(int(rng.integers(1, 60)), design, rng) for _ in range(5)]
     for counts in windows:
@@ -356,7 +389,7 @@ def _wide(name: str, design: Design, rng: np.random.Generator, drawn: int) -> Ca
     if drawn % 6 == 5:  # the only place outside the zone around the last one
         beside = [near[0] + (1 if near[0] < design.code_max else -1), *near[1:]]
         codes = [apart, *[beside] * (places - 2), near]
-        design = replace(design, exclusion=places - 2)
+        design = vary(design, exclusion=places - 2)
     elif rng.random() < 0.5:
         codes[int(rng.integers(places))] = near
     stream.design = design
@@ -365,11 +398,11 @@ def _wide(name: str, design: Design, rng: np.random.Generator, drawn: int) -> Ca
     )
 
 
-def _near(name: str, design: Design, rng: np.random.Generator, drawn: int) -> Case:
+def _near(name: str, design: Design, vary: Vary, rng: np.random.Generator, drawn: int) -> Case:
     """Draw places that differ from the windows by a few units: spreads of 0 and 1."""
-    design = replace(design, places=int(rng.choice([4, 9, 12])))
+    design = vary(design, places=int(rng.choice([4, 9, 12])))
     counts = _spread(20, design, rng)
-    design = _long_enough(design, [counts])
+    design = _long_enough(design, [counts], vary)
     stream = Stream(design)
     for _ in range(6):
         stream.fill(counts)
@@ -384,11 +417,11 @@ def _near(name: str, design: Design, rng: np.random.Generator, drawn: int) -> Ca
     return stream.case(name, codes)
 
 
-def _many(name: str, design: Design, rng: np.random.Generator, drawn: int) -> Case:
+def _many(name: str, design: Design, vary: Vary, rng: np.random.Generator, drawn: int) -> Case:
     """Draw many equal places."""
-    design = replace(design, places=int(rng.integers(257, 300)), exclusion=2)
+    design = vary(design, places=int(rng.integers(257, 300)), exclusion=2)
     counts = [_spread(20, design, rng) for _ in range(3)]
-    design = _long_enough(design, counts)
+    design = _long_enough(design, counts, vary)
     stream = Stream(design)
     for one in counts:
         stream.fill(one)
@@ -399,9 +432,9 @@ def _many(name: str, design: Design, rng: np.random.Generator, drawn: int) -> Ca
 # Long drives, and long windows.
 
 
-def _long(name: str, design: Design, rng: np.random.Generator, drawn: int) -> Case:
+def _long(name: str, design: Design, vary: Vary, rng: np.random.Generator, drawn: int) -> Case:
     """Draw as many windows as means take for their last shift, and more."""
-    design = replace(design, places=3, window="time", code="contrast")
+    design = vary(design, places=3, window="time", code="contrast")
     stream, busy = Stream(design), rng.permutation(design.slots)[:ENOUGH_PIXELS]
     many = drawn % 2 > 0
     for window in range(1030 if many else 40 + (1 << LAST_SHIFT)):
@@ -419,9 +452,9 @@ def _long(name: str, design: Design, rng: np.random.Generator, drawn: int) -> Ca
     return stream.case(name, codes, mean=_means(design, rng), activity=2 << ACTIVITY_FRACTION_BITS)
 
 
-def _pauses(name: str, design: Design, rng: np.random.Generator, drawn: int) -> Case:
+def _pauses(name: str, design: Design, vary: Vary, rng: np.random.Generator, drawn: int) -> Case:
     """Draw silence before any event, or a mean that rounding brings to the threshold of a pause."""
-    design = replace(design, places=int(rng.choice([4, 9])), window="time")
+    design = vary(design, places=int(rng.choice([4, 9])), window="time")
     number = int(rng.integers(1, 30))
     mean = number << ACTIVITY_FRACTION_BITS + PAUSE_SHIFT
     activity = 0
@@ -438,9 +471,9 @@ def _pauses(name: str, design: Design, rng: np.random.Generator, drawn: int) -> 
     return stream.case(name, codes, activity=activity)
 
 
-def _loud(name: str, design: Design, rng: np.random.Generator, drawn: int) -> Case:
+def _loud(name: str, design: Design, vary: Vary, rng: np.random.Generator, drawn: int) -> Case:
     """Draw windows in which a pixel has hundreds of events, and sums above 1,023."""
-    design = replace(design, places=4, window="time", code="contrast")
+    design = vary(design, places=4, window="time", code="contrast")
     stream = Stream(design)
     for _ in range(6):
         counts = _spread(20, design, rng)
@@ -456,11 +489,11 @@ def _loud(name: str, design: Design, rng: np.random.Generator, drawn: int) -> Ca
     )  # fmt: skip
 
 
-def _busy(name: str, design: Design, rng: np.random.Generator, drawn: int) -> Case:
+def _busy(name: str, design: Design, vary: Vary, rng: np.random.Generator, drawn: int) -> Case:
     """Draw a window of more events than 16 bits can count, in counters that do not saturate."""
     if design.slots * 1023 < 0x10000 + 100:
-        design = replace(design, code="counts", gains=1)
-    design = replace(design, places=4, window="time")
+        design = vary(design, code="counts", gains=1)
+    design = vary(design, places=4, window="time")
     events = 0x10000 + int(rng.integers(1, 9))
     stream = Stream(design)
     few = [3] * design.slots
@@ -473,9 +506,11 @@ def _busy(name: str, design: Design, rng: np.random.Generator, drawn: int) -> Ca
     return stream.case(name, codes, activity=100 << ACTIVITY_FRACTION_BITS)
 
 
-def _large_means(name: str, design: Design, rng: np.random.Generator, drawn: int) -> Case:
+def _large_means(
+    name: str, design: Design, vary: Vary, rng: np.random.Generator, drawn: int
+) -> Case:
     """Draw a mean number of events of 19 bits or more."""
-    design = replace(design, places=4, window="time")
+    design = vary(design, places=4, window="time")
     stream = Stream(design)
     for _ in range(3):
         stream.fill(_spread(int(rng.integers(1, 30)), design, rng))
@@ -484,9 +519,9 @@ def _large_means(name: str, design: Design, rng: np.random.Generator, drawn: int
     return stream.case(name, codes, activity=int(2 ** rng.uniform(26.2, 30.99)))
 
 
-def _halves(name: str, design: Design, rng: np.random.Generator, drawn: int) -> Case:
+def _halves(name: str, design: Design, vary: Vary, rng: np.random.Generator, drawn: int) -> Case:
     """Draw means that become half a unit of a logarithm, where rounding decides about a code."""
-    design = replace(design, places=3, window="time", code="contrast")
+    design = vary(design, places=3, window="time", code="contrast")
     first = _spread(30, design, rng)
     # the first shift is 4: means that are 8 and any number of 16 units below the level
     levels = [LEVELS[count] for count in first]
@@ -496,7 +531,8 @@ def _halves(name: str, design: Design, rng: np.random.Generator, drawn: int) -> 
     for _ in range(3):
         stream.fill(_spread(30, design, rng))
     stream.close()
-    return stream.case(name, stream.shown_codes(mean)[:3], mean=mean)
+    shown = stream.shown_codes(mean)[:3]
+    return stream.case(name, [shown[i % len(shown)] for i in range(design.places)], mean=mean)
 
 
 _KINDS: dict[str, Draw] = {
@@ -514,10 +550,9 @@ _KINDS: dict[str, Draw] = {
     "large_means": _large_means,
     "halves": _halves,
 }
-_LOGARITHMS = [f"logarithm_{n}{which}" for which in ("", "_below") for n in range(PARTS)]
 #: kinds that are made for some facts alone
 _AIMED: dict[str, set[str]] = {
-    "logarithm": set(_LOGARITHMS),
+    "logarithm": set(LOGARITHMS),
     "sums": {name for name in SEVERAL_GAINS if name.endswith(("decide", "decides"))},
     "many": {"ties_above_255"},
     "long": {

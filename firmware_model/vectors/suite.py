@@ -26,7 +26,7 @@ from firmware_model.vectors.case import NONE, Case, in_order, records, to_binary
 from firmware_model.vectors.corners import corner_cases
 from firmware_model.vectors.coverage import CORNERS, coverage, watched_trace
 from firmware_model.vectors.facts import FILTER_CORNERS
-from firmware_model.vectors.filter_suite import drive_cases, filter_cases
+from firmware_model.vectors.filter_suite import filter_cases, own_cases
 from firmware_model.vectors.formats import Table
 from firmware_model.vectors.manifest import (
     MANIFEST,
@@ -217,7 +217,8 @@ is absent.
 def standard_suites(design: Design, seed: int, only: str | None = None) -> dict[str, list[Case]]:
     """Make the suites that need only a design: ``corners`` and ``random``.
 
-    A design with the place filter or contrast codes also has the suite ``filter``.
+    A design with the place filter or contrast codes also has the suite ``filter``, and one with the
+    place filter the suite ``own``.
 
     Parameters
     ----------
@@ -232,16 +233,19 @@ def standard_suites(design: Design, seed: int, only: str | None = None) -> dict[
         "random": lambda: [
             *random_cases(design, rng),
             *window_cases(design, rng),
-            *drive_cases(design, rng),
         ],
     }
     if design.pauses:
         makers["filter"] = lambda: filter_cases(design, seed)
+    if design.filters:
+        makers["own"] = lambda: own_cases(design, seed)
     return {suite: make() for suite, make in makers.items() if only in (None, suite)}
 
 
 #: corners that a suite is made for
-AIMED: Mapping[str, Iterable[str]] = {"corners": CORNERS, "filter": FILTER_CORNERS}
+AIMED: Mapping[str, Iterable[str]] = {
+    "corners": CORNERS, "filter": FILTER_CORNERS, "own": FILTER_CORNERS,
+}  # fmt: skip
 
 
 def cases_within(suites: Suites, most_bytes: float) -> dict[str, list[Case]]:

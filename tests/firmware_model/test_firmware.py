@@ -81,6 +81,10 @@ def cases() -> dict[str, list[Case]]:
         "gains": [
             replace(case, name=f"{case.name}_of_seven_gains") for case in filter_cases(several)
         ],
+        "own": [
+            replace(case, name=f"{case.name}_of_its_own")
+            for case in standard_suites(several, 0, "own")["own"]
+        ],
     }
 
 

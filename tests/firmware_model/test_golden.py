@@ -46,7 +46,7 @@ from firmware_model.vectors import (
     verify,
     write_suites,
 )
-from firmware_model.vectors.facts import facts_for
+from firmware_model.vectors.facts import facts_for, own_facts
 from firmware_model.vectors.filter_suite import filter_cases
 from firmware_model.vectors.manifest import FieldPlace
 from tests.streams import random_events, write_drives
@@ -142,6 +142,11 @@ def test_the_filter_suite_shows_every_fact(window, code, gains):
     suites = standard_suites(design, 0)
     reached = {c for case in suites["filter"] for c, n in coverage(case).items() if n}
     assert reached >= facts_for(design)
+    assert all(case.design == design for case in suites["own"])
+    by_its_own = {c for case in suites["own"] for c, n in coverage(case).items() if n}
+    wanted = own_facts(design)
+    assert wanted <= facts_for(design)
+    assert len(wanted & by_its_own) > (0.8 if window == "time" else 0.6) * len(wanted)
     assert (facts_for(design) == set(FILTER_CORNERS)) == (gains == 7)
     sequences = replace(design, matching="sequence", length=3, gains=1)
     assert ("filter" in standard_suites(sequences, 0)) == (code == "contrast")

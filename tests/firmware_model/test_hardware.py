@@ -225,6 +225,18 @@ def test_the_core_returns_the_corners_of_seven_gains_under_stalls_and_a_reset(tm
 
 @pytest.mark.slow
 @needs_iverilog
+def test_a_core_of_one_size_returns_the_cases_of_its_own(tmp_path):
+    """All of one program, as of one bitstream."""
+    cases = [c for c in standard_suites(GAINS, 3, "own")["own"] if len(c.events) <= 1500]
+    write_suites(tmp_path / "v", GAINS, {"own": cases}, 3, rtl=True)
+    assert len({p.read_bytes() for p in (tmp_path / "v").rglob(f"{PACKAGE}.sv")}) == 1
+    outcome = replay.hold(tmp_path / "v", Conditions(seed=5, stall=40, resets=1))
+    assert outcome.differences == []
+    assert outcome.cases == len(cases) > 8
+
+
+@pytest.mark.slow
+@needs_iverilog
 @pytest.mark.parametrize(
     "suite",
     ["corners", "filter", "random"],

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from pathlib import Path
 
 import numpy as np
@@ -21,7 +22,7 @@ from firmware_model.vectors import (
     Case,
     load_manifest,
 )
-from firmware_model.vectors.facts import facts_for
+from firmware_model.vectors.facts import facts_for, own_facts
 from firmware_model.vectors.manifest import SuiteEntry
 
 
@@ -142,5 +143,7 @@ def check_vectors_folder(path: Path, overwrite: bool) -> None:
 
 def aimed_corners(suite: SuiteEntry, design: Design) -> dict[str, int]:
     """Return how often a suite reaches each corner that it is made for and its design can have."""
-    aimed = facts_for(design) if suite.name == "filter" else AIMED.get(suite.name, ())
+    aimed: Iterable[str] = AIMED.get(suite.name, ())
+    if suite.name in ("filter", "own"):
+        aimed = facts_for(design) if suite.name == "filter" else own_facts(design)
     return {corner: suite.coverage[corner] for corner in aimed}

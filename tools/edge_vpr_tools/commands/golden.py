@@ -47,7 +47,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     vectors.add_argument(
         "--suite",
         action="append",
-        choices=("corners", "random", "filter", "recording"),
+        choices=("corners", "random", "filter", "own", "recording"),
         default=[],
         help="make this suite only; may be repeated (default: all)",
     )
