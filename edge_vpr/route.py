@@ -384,37 +384,24 @@ class Odometer:
 #: A faster change is a leap: a damaged line, or an odometer that started again. Readings may come
 #: in a bunch after a pause of the line.
 LEAP_MM_PER_S, LEAST_GAP_US = 100_000, 100_000
-#: An odometer is stuck that shows one distance for so long while as many events come as on the
-#: drive of the map.
-STUCK_US = 60_000_000
 
 
 class OdometerCheck:
-    """Leave out readings that cannot be: leaps, and those of an odometer that is stuck.
-
-    Parameters
-    ----------
-    mean_events_per_s : int
-        Of the map's drive, at its selected pixels. With 0, only leaps are left out.
+    """Leave out readings that cannot be: leaps, which no robot could have driven.
 
     Attributes
     ----------
-    leaps, unused : int
-        Readings that no robot could have driven to, and all that were left out.
+    leaps : int
+        Readings that were left out.
     distance_mm : int
         Newest reading, without leaps.
-    stuck : bool
-        Whether the newest reading was left out because the odometer is stuck.
     """
 
-    def __init__(self, mean_events_per_s: int = 0) -> None:
-        self.leaps = self.unused = self.distance_mm = 0
-        self.stuck = False
-        self._mean_events = mean_events_per_s
+    def __init__(self) -> None:
+        self.leaps = self.distance_mm = 0
         self._time_us, self._shown_mm = -1, 0  # of the newest reading (-1: none yet)
-        self._since_us = self._since_events = 0  # when the odometer last moved, and the events then
 
-    def read(self, time_us: int, shown_mm: int, events: int) -> bool:
+    def read(self, time_us: int, shown_mm: int) -> bool:
         """Take a reading, and return whether it counts.
 
         Parameters
@@ -423,38 +410,23 @@ class OdometerCheck:
             Not earlier than the one before.
         shown_mm : int
             What the odometer shows, from any zero.
-        events : int
-            At the selected pixels so far.
         """
         first = self._time_us < 0
         step = shown_mm - (self.distance_mm if first else self._shown_mm)
         passed_us = max(time_us - self._time_us, LEAST_GAP_US)
         leapt = not first and abs(step) * 1_000_000 > LEAP_MM_PER_S * passed_us
         self._time_us, self._shown_mm = time_us, shown_mm
-        if first or step:
-            self._since_us, self._since_events = time_us, events
         if leapt:
             self.leaps += 1
         else:
             self.distance_mm += step
-        still_us, came = time_us - self._since_us, events - self._since_events
-        enough = came * 1_000_000 >= self._mean_events * still_us
-        self.stuck = bool(self._mean_events) and still_us >= STUCK_US and enough
-        self.unused += leapt or self.stuck
-        return not (leapt or self.stuck)
+        return not leapt
 
     def to_array(self) -> npt.NDArray[np.int64]:
-        """Return the state for `resume`, shape (9,)."""
-        numbers = [
-            self._mean_events, self.stuck, self.leaps, self.unused, self.distance_mm,
-            self._shown_mm, self._time_us, self._since_us, self._since_events,
-        ]  # fmt: skip
+        """Return the state for `resume`, shape (4,)."""
+        numbers = [self.leaps, self.distance_mm, self._shown_mm, self._time_us]
         return np.array(numbers, dtype=np.int64)
 
     def resume(self, array: npt.NDArray[np.int64]) -> None:
         """Restore the state from the array of `to_array`."""
-        (
-            self._mean_events, stuck, self.leaps, self.unused, self.distance_mm,
-            self._shown_mm, self._time_us, self._since_us, self._since_events,
-        ) = array.tolist()  # fmt: skip
-        self.stuck = bool(stuck)
+        self.leaps, self.distance_mm, self._shown_mm, self._time_us = array.tolist()

@@ -55,6 +55,13 @@ def as_tuples(events: Events) -> list[tuple[int, int, int, bool]]:
     return [(t, x, y, p) for t, x, y, p in events.tolist()]
 
 
+def resumed(localiser: Localiser) -> Localiser:
+    """Another localiser that goes on from the state of this one."""
+    other = localiser.fresh()
+    other.resume(localiser.to_arrays(), localiser.now_us, localiser.floor_us)
+    return other
+
+
 def descriptors(counts) -> Descriptors:
     """Windows of a millisecond with these counts, shape (n, J)."""
     counts = np.asarray(counts)

@@ -510,9 +510,9 @@ class LiveSession:
             self._read_odometer(shown_mm)
 
     def _read_odometer(self, shown_mm: int) -> None:
-        """Give a reading to the filter, and report the first leap and an odometer that is stuck."""
+        """Give a reading to the filter, and report the first leap."""
         check = self._matcher.odometer_check
-        leaps, stuck = check.leaps, check.stuck
+        leaps = check.leaps
         reading = self._matcher.read_odometer(shown_mm)
         if check.leaps > leaps == 0:
             self._say(
@@ -520,14 +520,6 @@ class LiveSession:
                 f"the odometer leapt to {shown_mm / 1e3:,.2f} m, faster than 100 m/s: such "
                 "readings are left out; send metres",
             )
-        if check.stuck and not stuck:
-            self._say(
-                "odometer",
-                f"the odometer has shown {shown_mm / 1e3:,.2f} m for a minute in which as many "
-                "events came as on the map's drive: going on without; check the encoder",
-            )
-        elif stuck and not check.stuck:
-            self._say("odometer", "the odometer is used again", over=True)
         if reading is not None:
             time_us, distance_mm = reading
             if self._first_mm is None:

@@ -151,14 +151,13 @@ class StreamMatcher:
         check, localiser = self.odometer_check, self.localiser
         if localiser is None:
             time_us = self.decoder.reached_us
-            counts = check.read(time_us, distance_mm, 0)
+            counts = check.read(time_us, distance_mm)
         else:
-            time_us, before = self._time, check.unused
+            time_us, before = self._time, check.leaps
             # all matches due until then have been given
             localiser.read_odometer(time_us, distance_mm / 1e3)
-            counts = check.unused == before
-        health = self.decoder.health
-        health.odometer_leaps, health.odometer_unused = check.leaps, check.unused
+            counts = check.leaps == before
+        self.decoder.health.odometer_leaps = check.leaps
         return (time_us, check.distance_mm) if counts else None
 
     def to_state(self) -> tuple[Arrays, dict[str, Any]]:

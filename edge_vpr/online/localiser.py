@@ -2,35 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import asdict, replace
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from edge_vpr import __version__
-from edge_vpr.archive import (
-    Arrays,
-    archive_errors,
-    checksum_of,
-    present,
-    read_archive,
-    write_archive,
-)
+from edge_vpr.archive import Arrays, checksum_of, present
 from edge_vpr.compiling import SharedState, specialise
-from edge_vpr.confidence import Confidence
 from edge_vpr.descriptors.counting import window_of
-from edge_vpr.descriptors.pixels import PixelMap
 from edge_vpr.descriptors.unseen import UnseenTime
-from edge_vpr.descriptors.windows import Descriptors, FixedTime, Window
+from edge_vpr.descriptors.windows import FixedTime, Window
 from edge_vpr.errors import EventError, UsageError, expect
 from edge_vpr.events import (
     NO_EVENTS,
     TIME_LIMIT_US,
     Events,
-    Sensor,
     as_events,
 )
 from edge_vpr.matching.match import MATCH_DTYPE, NO_MATCHES, MatchRows, join_matches
@@ -58,13 +46,11 @@ from edge_vpr.online.sliding_windows import (
 from edge_vpr.online.state import CONTROL, OnlineState, state_before
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.route import MOST_MM, Odometer, OdometerCheck
-from edge_vpr.settings import Settings
 from fixedpoint.activity import SUMS
 from fixedpoint.own_mean import RunningMean
 
 __all__ = ["Localiser"]
 
-KIND = "localiser state"
 _NOTHING = NO_EVENTS.columns[:3]  # instead of events
 
 
@@ -138,7 +124,7 @@ class Localiser:
         if settings.matching == "filter":
             self._filter = PlaceFilter.of(reference.places, settings, reference.along_mm)
             self.odometer = Odometer(self._filter.transitions.spacing_mm)
-            self.odometer_check = OdometerCheck(_events_per_s(reference))
+            self.odometer_check = OdometerCheck()
             assert reference.mean is not None
             self.means = [RunningMean(reference.mean) for _ in range(self._filter.sums)]
         self._hold(state_before(reference, self.every, self._filter))
@@ -283,8 +269,8 @@ class Localiser:
         distance_m : float
             Driven metres, from any zero; it decreases when the robot drives backwards.
         checked : bool
-            Whether to leave out leaps and a stuck odometer (`odometer_check`). Without, the
-            matches equal those of a recording with the same readings to the bit.
+            Whether to leave out leaps (`odometer_check`). Without, the matches equal those of a
+            recording with the same readings to the bit.
 
         Returns
         -------
@@ -301,7 +287,7 @@ class Localiser:
         self._filter.transitions.check_odometry()
         matches, distance_mm = self.advance(time_us), round(distance_m * 1e3)
         check = self.odometer_check
-        if not checked or check.read(int(time_us), distance_mm, self.selected):
+        if not checked or check.read(int(time_us), distance_mm):
             self.odometer.read(check.distance_mm if checked else distance_mm)
             self._travel()
         return matches
@@ -483,104 +469,32 @@ class Localiser:
             mean.windows = int(arrays["filter_mean_windows"][0])
             self.state.windows.contrast.means[i] = mean.mean
 
-    def save(self, path: str | Path, *, overwrite: bool = False) -> None:
-        """Save the map and the state, from which `load` continues exactly.
-
-        Parameters
-        ----------
-        path : path
-            An ``.npz`` file, written atomically.
-        overwrite : bool
-            Replace an existing file.
-        """
-        arrays = map_arrays(self._reference) | self.to_arrays()
-        meta = self._meta() | {"now_us": self.now_us, "floor_us": self.floor_us}
-        write_archive(path, KIND, arrays, meta, overwrite=overwrite)
-
     def fresh(self) -> Localiser:
         """Return another localiser for the same map and schedule, before its first event."""
         return Localiser(self._reference, every=self.every)
 
     def checksum(self) -> str:
         """Return a checksum of the map, the settings and the version, which a state belongs to."""
-        arrays = map_arrays(self._reference) | {"places": self.places}
-        return checksum_of(self._meta() | {"edge_vpr": __version__}, arrays)
-
-    def _meta(self) -> dict[str, Any]:
-        return {
-            "sensor": list(self._reference.pixel_map.sensor),
+        reference = self._reference
+        arrays = present(
+            places=self.places,
+            pixel_x=reference.pixel_map.x,
+            pixel_y=reference.pixel_map.y,
+            mean=reference.mean,
+            limits=reference.limits,
+        )
+        if reference.confidence is not None:
+            arrays |= reference.confidence.to_arrays()
+        if reference.settings.matching == "filter":
+            activity = reference.places.counted_events
+            arrays |= present(activity=activity, odometer_mm=reference.along_mm)
+        meta = {
+            "sensor": list(reference.pixel_map.sensor),
             "settings": self.settings.to_dict(),
             "every": asdict(self.every),
+            "edge_vpr": __version__,
         }
-
-    @classmethod
-    def load(cls, path: str | Path) -> Localiser:
-        """Load a localiser from a file of `save`.
-
-        Raises
-        ------
-        MapError
-            If the file is missing, unreadable, damaged, or of another version.
-        """
-        arrays, meta = read_archive(path, KIND)
-        with archive_errors(path, "save the state again"):
-            restored = cls(searched_map(arrays, meta), every=MatchSchedule(**meta["every"]))
-            restored.resume(arrays, meta["now_us"], meta["floor_us"])
-        return restored
-
-
-def _events_per_s(reference: ReferenceMap) -> int:
-    """Return the selected events per second of a map's drive; 0 if unknown."""
-    places, number = reference.places, reference.settings.window_parts
-    centre_us, selected = places.centre_us[::number], places.selected_events[::number]
-    passed_us = int(centre_us[-1] - centre_us[0])
-    events = round(float(selected.mean()) * (len(selected) - 1))
-    return events * 1_000_000 // passed_us if passed_us > 0 else 0
-
-
-# The part of a map that a saved localiser needs.
-
-
-def map_arrays(reference: ReferenceMap) -> Arrays:
-    """Return the arrays of a map for `searched_map`, without the places."""
-    arrays = present(
-        pixel_x=reference.pixel_map.x,
-        pixel_y=reference.pixel_map.y,
-        mean=reference.mean,
-        limits=reference.limits,
-    )
-    if reference.confidence is not None:
-        arrays |= reference.confidence.to_arrays()
-    if reference.settings.matching == "filter":
-        arrays |= present(activity=reference.places.counted_events, odometer_mm=reference.along_mm)
-    return arrays
-
-
-def searched_map(arrays: Arrays, meta: Mapping[str, Any]) -> ReferenceMap:
-    """Build a map with only the parts that a localiser needs.
-
-    Parameters
-    ----------
-    arrays : mapping of str to ndarray
-        Of `map_arrays`, and ``places``.
-    meta : mapping
-        With ``sensor`` and ``settings``.
-    """
-    pixel_map = PixelMap(Sensor(*meta["sensor"]), arrays["pixel_x"], arrays["pixel_y"])
-    sensor = pixel_map.sensor
-    no_times = np.zeros(len(arrays["places"]), dtype=np.int64)
-    figures = np.broadcast_to(np.float32(0), (sensor.height, sensor.width))
-    return ReferenceMap(
-        Settings.from_dict(meta["settings"]),
-        pixel_map,
-        Descriptors(arrays["places"], no_times, no_times, no_times, arrays.get("activity")),
-        saliency=figures,
-        hot=np.broadcast_to(np.False_, figures.shape),
-        mean=arrays.get("mean"),
-        limits=arrays.get("limits"),
-        confidence=Confidence.from_arrays(arrays),
-        odometer_mm=arrays.get("odometer_mm"),
-    )
+        return checksum_of(meta, arrays)
 
 
 # Limits of the kernels.

@@ -50,7 +50,7 @@ from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.settings import PRESETS, SETTING_FIELDS, Settings
 from firmware_model.specification_drive import confidence_of
 from tests import naive
-from tests.streams import Drive, descriptors, map_of_counts, random_events
+from tests.streams import Drive, descriptors, map_of_counts, random_events, resumed
 
 SENSOR = Sensor(16, 12)
 outcomes = st.lists(st.tuples(st.integers(0, 8), st.booleans()), min_size=1, max_size=60)
@@ -238,9 +238,7 @@ def test_a_table_travels_with_its_map_and_with_the_state_of_a_localiser(tmp_path
     rows = localiser.update(events[:200])
     assert set(rows["probability"]) <= {0.25, 0.75} and set(rows["lost"]) == {True, False}
     assert np.array_equal(rows["lost"], net_trust(rows["trust"], rows["misfit"]) < 2)
-    localiser.save(tmp_path / "state.npz")
-    resumed = Localiser.load(tmp_path / "state.npz")
-    assert np.array_equal(resumed.update(events[200:]), localiser.update(events[200:]))
+    assert np.array_equal(resumed(localiser).update(events[200:]), localiser.update(events[200:]))
 
 
 def test_a_table_is_not_used_with_settings_that_give_trust_another_scale():
@@ -323,8 +321,6 @@ def test_each_live_path_gives_the_matches_of_a_recorded_drive_that_stays_on_the_
     assert of_matches(Matches.load(out / "matches.npz")) == online
 
     localiser = reference.localiser("window", **changes)
-    localiser.save(tmp_path / "state.npz")
-    localiser = Localiser.load(tmp_path / "state.npz")
     rows = [localiser.update(part) for part in open_recording(names[1])]
     assert rows_of(np.concatenate(rows)) == online
 

@@ -24,13 +24,11 @@ from edge_vpr.events import Sensor
 from edge_vpr.live.protocols.aer import read_layout
 from edge_vpr.matching.drive import match_descriptors
 from edge_vpr.matching.matches import Matches
-from edge_vpr.online.localiser import Localiser
-from edge_vpr.online.schedule import MatchSchedule
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.route import Route
 from edge_vpr.settings import Settings, resolve_settings
 from firmware_model.design import Design
-from tests.streams import descriptors, map_of_counts, random_events
+from tests.streams import descriptors, map_of_counts
 
 SENSOR = Sensor(6, 5)
 PIXELS = PixelMap(SENSOR, np.array([0, 5, 2, 1]), np.array([0, 4, 3, 0]))
@@ -87,13 +85,6 @@ def write_originals(folder: Path) -> dict[str, list[Path]]:
             way = np.arange(len(reference), dtype=np.int64) * 700
             reference = replace(reference, odometer_mm=way)
         reference.save(new("map", ".npz"))
-        if variant in (VARIANTS[0], VARIANTS[-1]):
-            localiser = Localiser(reference, every=MatchSchedule(interval_us=30, change=True))
-            localiser.update(random_events(rng, 60, SENSOR, 500))
-            if reference.odometer_mm is not None:
-                for i in range(5):  # in this window and the one before
-                    localiser.read_odometer(501 + 50 * i, 0.2 * i)
-            localiser.save(new("state", ".npz"))
         queries = descriptors(reference.places.counts[1:])
         settings = reference.settings.replaced({"gains": 1}, "codes of single windows")
         match_descriptors(reference.places, queries, settings, reference.confidence).save(
@@ -201,7 +192,6 @@ def _shown_profile(path: Path) -> object:
 
 LOADERS: dict[str, Callable[[Path], object]] = {
     "map": ReferenceMap.load,
-    "state": Localiser.load,
     "matches": Matches.load,
     "settings": lambda path: resolve_settings(config=path),
     "track": load_track,

@@ -28,7 +28,6 @@ from tests.maps.saved_files import SENSOR, same_contents
 
 KINDS = {
     "map": "reference map",
-    "state": "localiser state",
     "matches": "set of matches",
     "queries": "set of query descriptors",
 }

@@ -118,13 +118,12 @@ def test_the_page_has_every_array_of_a_map_with_its_type_and_the_checksum(folder
     assert digest.hexdigest() == checksum
 
 
-@pytest.mark.parametrize("kind", ["map", "matches", "state", "results", "design"])
+@pytest.mark.parametrize("kind", ["map", "matches", "results", "design"])
 def test_nothing_that_is_saved_replaces_a_file_silently(folder, route, tmp_path, kind):
     path = tmp_path / "saved.npz"
     save = {
         "map": lambda: route.save,
         "matches": lambda: route.match(folder / "tuesday.npz").matches.save,
-        "state": lambda: route.localiser().save,
         "results": lambda: route.match(folder / "tuesday.npz").save,
         "design": lambda: Design(width=4, height=4, pixels=2, places=3, length=1).save,
     }[kind]()

@@ -71,8 +71,7 @@ class Health:
     clock_jumps: int = _loss()
     reopened: int = _loss()  #: How often the link was disconnected and opened again.
     stalls: int = 0  #: Silences of more than a second after the first byte.
-    odometer_leaps: int = 0  #: Leaps of the odometer that are too fast for a robot.
-    odometer_unused: int = 0  #: Readings left out: leaps, and of an odometer that is stuck.
+    odometer_leaps: int = 0  #: Readings left out: leaps that are too fast for a robot.
     #: Metres by the odometer since its first reading; None without one.
     odometer_m: float | None = _no_fault(None)
     misfits: int = 0  #: Matches in another place or light than the map's, by their misfit.
