@@ -37,8 +37,8 @@ AROUND, LEAST_AGREEING, ANCHOR_RANK = 12, 0.6, 46 / 256
 LONGEST_GAP, MOST_PACE, GAP_RANK = 80, 3, 64 / 256
 #: the newest drive weighs at least 1/5 in the mean, so that a map follows a route that changes
 MOST_DRIVES = 4
-#: a drive of which fewer windows can be aligned is refused, or learnt with a warning
-LEAST_ALIGNED, FEW_ALIGNED = 0.5, 0.75
+#: a drive of which fewer windows can be aligned is refused
+LEAST_ALIGNED = 0.5
 #: a drive is refused too unless this share of its smoothed matches has this probability: a short
 #: drive of another route agrees with the map by chance
 LEAST_CERTAIN, CERTAIN = 0.1, 0.9
@@ -46,12 +46,6 @@ LEAST_CERTAIN, CERTAIN = 0.1, 0.9
 #: be that of the learnt places alone, and draw matches of the others to them. A place is shown if
 #: one in its exclusion zone is.
 LEAST_SHOWN = 0.9
-#: places that are looked at for confusion, spread over the route
-SAMPLE = 2_000
-#: share of places that may newly be confused with others before there is a warning
-MORE_CONFUSED = 0.1
-#: deviations from the median change of a place, above which it counts as changed
-CHANGED = 5.0
 #: fraction bits of the mean code of several drives
 FRACTION_BITS = 8
 
@@ -70,11 +64,6 @@ class MapUpdate:
         That place; -1 where a window was not aligned.
     learnt : ndarray of bool, shape (K,)
         Places with at least one aligned window.
-    changed : ndarray of int64
-        Places that look different from the map, much more than most do.
-    confused_before, confused : float
-        Share of the places whose descriptor of before is nearest to another part of the route, in
-        the map of before and in this one.
     drive : Drive
         The other drive, for `facts`.
     """
@@ -83,44 +72,13 @@ class MapUpdate:
     aligned: npt.NDArray[np.bool_]
     place: npt.NDArray[np.int64]
     learnt: npt.NDArray[np.bool_]
-    changed: npt.NDArray[np.int64]
-    confused_before: float
-    confused: float
     drive: Drive
 
-    @property
-    def warnings(self) -> list[str]:
-        """Warnings that the new map may be worse than the old one; empty if there are none."""
-        texts = []
-        share = float(self.aligned.mean())
-        if share < FEW_ALIGNED:
-            texts.append(
-                f"only {self.aligned.sum()} of {self.aligned.size} windows could be aligned with "
-                "the map: check that the drive is of the same route"
-            )
-        if self.confused > self.confused_before + MORE_CONFUSED:
-            texts.append(
-                f"the new map confuses {self.confused:.0%} of its places with others in the light "
-                f"of before ({self.confused_before:.0%} with the old map): keep the old map too"
-            )
-        return texts
-
     def __str__(self) -> str:
-        text = (
+        return (
             f"{self.aligned.sum()} of {self.aligned.size} windows aligned, "
             f"{self.learnt.sum()} of {self.learnt.size} places learnt"
         )
-        if not self.changed.size:
-            return text
-        runs = _runs(self.changed)
-        where = ", ".join(runs[:8]) + (" ..." if len(runs) > 8 else "")
-        return f"{text}; {self.changed.size} places look different: {where}"
-
-
-def _runs(places: npt.NDArray[np.int64]) -> list[str]:
-    """Return rising places as text, with runs of successive ones as first-last."""
-    parts = np.split(places, np.flatnonzero(np.diff(places) > 1) + 1)
-    return [f"{part[0]}-{part[-1]}" if len(part) > 1 else str(part[0]) for part in parts]
 
 
 class _Learnt(NamedTuple):
@@ -219,15 +177,11 @@ def learn_drive(
         drives=np.minimum(before.drives + learnt, MOST_DRIVES).astype(np.uint8),
         confidence=None,
     )
-    change = np.abs(seen - before.mean).sum(axis=1)
     return MapUpdate(
         updated,
         aligned,
         place,
         learnt,
-        _outliers(change, learnt),
-        _confused(reference, reference),
-        _confused(reference, updated),
         Drive.of_windows(
             counted.take(slice(None, None, reference.settings.window_parts)),
             reference.pixel_map.sensor,
@@ -402,25 +356,3 @@ def _learnt_before(reference: ReferenceMap) -> _Learnt:
         return _Learnt(reference.learnt_mean, reference.drives)
     mean = reference.places.counts.astype(np.int32) << FRACTION_BITS
     return _Learnt(mean, np.ones(len(reference), dtype=np.uint8))
-
-
-def _outliers(
-    change: npt.NDArray[np.int64], learnt: npt.NDArray[np.bool_]
-) -> npt.NDArray[np.int64]:
-    """Return the places that changed much more than most."""
-    median = np.median(change[learnt])
-    deviation = 1.4826 * np.median(np.abs(change[learnt] - median))
-    return np.flatnonzero(learnt & (change > median + CHANGED * max(deviation, 1.0)))
-
-
-def _confused(before: ReferenceMap, after: ReferenceMap) -> float:
-    """Return the share of places of one map that resemble another part of the other map most."""
-    places = len(before)
-    some = np.unique(np.linspace(0, places - 1, min(places, SAMPLE)).astype(np.int64))
-    index, exclusion = ReferenceIndex(after.places.counts), before.settings.exclusion_places
-    confused = 0
-    for first in range(0, len(some), 64):
-        part = some[first : first + 64]
-        nearest = index.rows(before.places.counts[part]).argmin(axis=1)
-        confused += int(_outside(nearest, part, exclusion).sum())
-    return confused / len(some)

@@ -39,7 +39,6 @@ from edge_vpr.descriptors.pixels import (
     PixelStatistics,
     informative_pixels,
     load_pixel_map,
-    plugin_pixels,
     select_pixels,
     shortlist,
     too_few_pixels,
@@ -61,7 +60,7 @@ from edge_vpr.recordings import open_recording
 from edge_vpr.recordings.memory import column_names
 from edge_vpr.reference_map import KIND, ReferenceMap
 from edge_vpr.route import Odometry
-from edge_vpr.settings import PLUGIN, Preset, Settings, resolve_settings
+from edge_vpr.settings import Preset, Settings, resolve_settings
 from fixedpoint.codes import learn_full_scale
 
 # A map of a drive, and of another one too.
@@ -216,29 +215,7 @@ def describe_query(
         At least one.
     """
     counted = count_windows(recording, reference.pixel_map, reference.settings, removed)
-    _warn_of_silence(counted)
     return reference.coded(counted)
-
-
-#: longest time without any event at which nothing is said
-_SILENT_US = 10_000_000
-
-
-def _warn_of_silence(windows: Descriptors) -> None:
-    """Warn of a long time without any event, where a clock may have jumped."""
-    silent = np.concatenate([[False], windows.events == 0, [False]])
-    edges = np.flatnonzero(silent[1:] != silent[:-1])
-    start, end = windows.start_us[edges[::2]], windows.end_us[edges[1::2] - 1]
-    at = int(np.argmax(end - start)) if start.size else 0
-    if not start.size or end[at] - start[at] < _SILENT_US:
-        return
-    warnings.warn(
-        f"the recording has no event from {start[at] / 1e6:,.0f} to {end[at] / 1e6:,.0f} s, where "
-        "a camera that stands still has noise: was it off, or did its clock jump? If it jumped, "
-        "later times are wrong: use the parts before and after alone",
-        EdgeVprWarning,
-        stacklevel=4,
-    )
 
 
 # Making a map of a reference drive: select pixels, and make its windows places.
@@ -255,9 +232,8 @@ def map_traverse(
     """Make a map of one drive, in one pass over its events or two.
 
     A second pass is needed for fixed-count windows, and if the images of all windows,
-    or of their parts, are too large for a temporary file. If a recording has events
-    at few pixels alone, as published counts do, and no more than the settings ask for, all of them
-    are the map's.
+    or of their parts, are too large for a temporary file. Where a file counts no more
+    pixels than the settings ask for, all of them are the map's.
 
     Parameters
     ----------
@@ -298,18 +274,17 @@ def map_traverse(
     parts = 1 if needs_events else settings.window_parts
     with PixelStatistics(sensor, clip=settings.clip, parts=parts) as first:
         _scan(recording, settings, first, parts, removed)
-        counted = np.ones((sensor.height, sensor.width), dtype=np.bool_)
-        if isinstance(recording, WindowSource):
-            counted = recording.counted
+        counted = getattr(recording, "counted", None)
+        if counted is None:
+            counted = np.ones((sensor.height, sensor.width), dtype=np.bool_)
         if hot is None:
             hot = _hot_pixels(first, settings, counted)
         saliency = first.mean() if settings.strategy == "seed-code" else first.variance()
         if pixel_map is not None:
             hot = hot & (pixel_map.table() < 0)
         else:
-            pixel_map = _choose_pixels(first, recording, settings, saliency, hot, ~counted)
+            pixel_map = _choose_pixels(first, recording, settings, saliency, hot, counted)
             settings = settings.replaced({"pixels": len(pixel_map)}, "the recording")
-        _warn_of_few_events(first, settings, pixel_map)
         if settings.window == "count" and settings.events_per_pixel is None:
             settings = _with_mean_count(settings, first, pixel_map)
         pieces = None if needs_events else first.pieces(pixel_map)
@@ -317,7 +292,6 @@ def map_traverse(
         places = count_places(recording, pixel_map, settings, removed)
     else:
         places = pieces if parts == 1 else overlapping(pieces, parts)
-    _warn_of_silence(places)
     return coded_map(
         ReferenceMap(settings.uncoded, pixel_map, places, saliency.astype(np.float32), hot),
         settings,
@@ -378,26 +352,13 @@ def _hot_pixels(
     return np.zeros_like(counted)
 
 
-def _warn_of_few_events(first: PixelStatistics, settings: Settings, pixel_map: PixelMap) -> None:
-    """Warn of windows by time that have less than one event at the selected pixels."""
-    selected = int(first.totals[pixel_map.y, pixel_map.x].sum())
-    if settings.window == "time" and selected < first.windows:
-        warnings.warn(
-            f"windows of {FixedTime(settings.tau_us)} hold {selected / first.windows:.2g} "
-            f"events at the {len(pixel_map)} pixels of the map in the mean, and their places "
-            f"look alike: take longer windows (tau=), or more pixels (pixels=)",
-            EdgeVprWarning,
-            stacklevel=4,
-        )
-
-
 def _choose_pixels(
     first: PixelStatistics,
     recording: EventSource | WindowSource,
     settings: Settings,
     saliency: npt.NDArray[np.float64],
     hot: npt.NDArray[np.bool_],
-    uncounted: npt.NDArray[np.bool_],
+    counted: npt.NDArray[np.bool_],
 ) -> PixelMap:
     """Choose the pixels of a map by the strategy of its settings."""
     if first.windows == 1 and settings.strategy in ("variance", "top", "information"):
@@ -406,18 +367,16 @@ def _choose_pixels(
             "selected only from two windows or more: take shorter windows (tau=), or a "
             "longer drive"
         )
-    named = _preselected_pixels(first, settings.pixels, hot)
-    if named is not None:
-        return named
-    excluded = hot | uncounted
+    if not counted.all() and np.count_nonzero(counted) <= settings.pixels:
+        y, x = np.nonzero(counted)  # somebody else has selected them
+        return PixelMap(recording.sensor, x.astype(np.uint16), y.astype(np.uint16))
+    excluded = hot | ~counted
     if settings.strategy == "information":
         listed = shortlist(saliency, excluded)
         if len(listed) < settings.pixels:
             varying = int(np.count_nonzero(saliency[hot]))
             raise too_few_pixels(len(listed), varying, settings.pixels, recording.sensor)
         return _most_informative(first, recording, settings, listed)
-    if settings.strategy.startswith(PLUGIN):
-        return plugin_pixels(first, settings, excluded)
     return select_pixels(
         saliency,
         settings.pixels,
@@ -426,27 +385,6 @@ def _choose_pixels(
         rng=np.random.default_rng(settings.seed),
         exclude=excluded,
     )
-
-
-def _preselected_pixels(
-    first: PixelStatistics, pixels: int, hot: npt.NDArray[np.bool_]
-) -> PixelMap | None:
-    """Return the pixels that fire, if they were selected before: few, and busy.
-
-    Counts are often published at selected pixels alone, which are then all of the map. In a drive
-    that is too short, few pixels fire too, but most of them not even once a window.
-    """
-    totals = first.totals
-    fires = totals > 0
-    few = int(np.count_nonzero(fires))
-    busy = int(totals.sum()) >= few * first.windows
-    # of a sensor that has no more pixels than are asked for, all are to be taken
-    selected = totals.size <= pixels or not can_be_searched(totals)
-    if not 0 < few <= pixels or not selected or not busy or (hot & fires).any():
-        return None
-    y, x = np.nonzero(fires)
-    height, width = totals.shape
-    return PixelMap(Sensor(width, height), x.astype(np.uint16), y.astype(np.uint16))
 
 
 def check_matchable(reference: ReferenceMap) -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
@@ -29,7 +28,7 @@ from edge_vpr.descriptors.counting import (
     window_of,
 )
 from edge_vpr.descriptors.windows import Descriptors, WindowCounts, collect
-from edge_vpr.errors import EdgeVprWarning, MapError, UsageError, as_path, expect, kind_of
+from edge_vpr.errors import MapError, UsageError, as_path, expect, kind_of
 from edge_vpr.evaluation.facts import Drive, facts
 from edge_vpr.evaluation.ground_truth import Alignment, GroundTruth, from_tracks
 from edge_vpr.evaluation.metrics import Evaluation, RecallDenominator, evaluate
@@ -107,7 +106,6 @@ def match(
         )
     else:
         result = _match_events(matched.causal(), drive, every, odometry)
-    _warn_if_strange(result.matches, odometry)
     # the map as it was passed: settings of one run are no part of it
     start_us = getattr(drive, "cropped_us", 0)
     windows = None if result.windows is None else reference.coded(result.windows)
@@ -197,24 +195,6 @@ def _match_events(
     return MatchResult(
         reference, matches, None, metrics, removed, windows=counted if len(counted) else None
     )
-
-
-#: share of strange matches about which nothing is said
-_MUCH_OFF_MAP = 0.25
-
-
-def _warn_if_strange(matches: Matches, odometry: Odometry | None) -> None:
-    """Warn if the views of more than a quarter of the matches are unlike those of the map."""
-    share = float((matches.misfit >= OFF_MAP_MISFIT).mean())
-    if share > _MUCH_OFF_MAP:
-        # in feet or with the sign reversed, matches leave the places that the drive shows
-        unit = "" if odometry is None else "that the odometry is in metres, forwards positive, and "
-        warnings.warn(
-            f"{OFF_MAP_TEXT}, by {share:.0%} of the matches: check {unit}that the drive and the "
-            "map are of one route, or map the route in this light too",
-            EdgeVprWarning,
-            stacklevel=4,
-        )
 
 
 # A result, and its folder.
@@ -382,7 +362,7 @@ class MatchResult:
             "query": (windows, self.start_us, self.clock_us),
         }
         sensor = self.reference.pixel_map.sensor
-        return facts(
+        lines = facts(
             {
                 name: Drive.of_windows(counted, sensor, start_us, clock_us, track)
                 for (name, (counted, start_us, clock_us)), track in zip(
@@ -392,6 +372,10 @@ class MatchResult:
             },
             truth,
         )
+        if self.matches.settings.matching == "filter":
+            unlike = int(np.count_nonzero(self.matches.misfit >= OFF_MAP_MISFIT))
+            lines["light"] = f"{unlike:,} of {len(self)} matches: {OFF_MAP_TEXT}"
+        return lines
 
     def evaluate(
         self,

@@ -40,11 +40,8 @@ if TYPE_CHECKING:
 
 Strategy = Literal["variance", "seed-code", "random", "random-upper", "top", "information"]
 STRATEGIES: tuple[str, ...] = get_args(Strategy)
-#: before the name of a strategy that another package registers; see docs/recipes.md
-PLUGIN = "plugin:"
-#: A name that type checkers cannot know: of a part of another package
-#: (``PartName("plugin:grid")``), or with options (``PartName("edvs:format=E3")``). Python itself
-#: takes the text alone.
+#: A name that type checkers cannot know: of a part of another package, or with options
+#: (``PartName("edvs:format=E3")``). Python itself takes the text alone.
 PartName = NewType("PartName", str)
 WindowKind = Literal["time", "count"]
 CounterCodeName = Literal["none", "linear", "sqrt", "log"]
@@ -110,7 +107,7 @@ class SettingField:
     group : str
         Heading under which ``--help`` shows the flag.
     kind : type
-        Type of the value: bool, int, float, str or tuple. It comes from the attribute of
+        Type of the value: bool, int, float or str. It comes from the attribute of
         `Settings`, as the name, the default and the choices do.
     name : str
         Attribute of `Settings`.
@@ -124,9 +121,6 @@ class SettingField:
         Value where none is given.
     choices : tuple of str
         All allowed values, for a setting that is chosen from a few words.
-    plugins : bool
-        Whether other packages can register more of them, written ``plugin:NAME``. A map with such a
-        value is read without the package.
     words : mapping of str to object
         Words that stand for values, such as ``none`` for None.
     read, show : callable, optional
@@ -154,7 +148,6 @@ class SettingField:
     metavar: str | None = None
     default: Any = None
     choices: tuple[str, ...] = ()
-    plugins: bool = False
     words: Mapping[str, Any] = field(default_factory=dict)
     read: Callable[[str], Any] | None = None
     show: Callable[[Any], str] | None = None
@@ -168,7 +161,7 @@ class SettingField:
 
     def of(self, name: str, hint: Any, default: Any) -> SettingField:
         """Return the record of the attribute `name` with its type and its default."""
-        # of ``float | None`` the float; of ``Strategy | PartName`` the words of this package
+        # of ``float | None`` the float; of ``Strategy`` the words of this package
         one = get_args(hint)[0] if get_origin(hint) in (Union, UnionType) else hint
         words: tuple[str, ...] = get_args(one) if get_origin(one) is Literal else ()
         kind = str if words else get_origin(one) or one
@@ -216,8 +209,6 @@ class SettingField:
         stated : object
             A key of `words`, a text that `read` accepts, or the value itself, as in JSON and TOML.
         """
-        if isinstance(stated, list) and self.kind is tuple:
-            return tuple(stated)
         if getattr(stated, "shape", None) == () and hasattr(stated, "item"):
             return stated.item()  # a number of NumPy, which help does not load
         if not isinstance(stated, str):
@@ -258,11 +249,9 @@ class SettingField:
                 f"setting {self.name} = {shown(value)} is of type {type(value).__name__}: "
                 f"expected {self.kind.__name__}{f', or {self.accepted}' if self.read else ''}"
             )
-        is_choice = value in self.choices or (self.plugins and re.fullmatch(PLUGIN + r"\S+", value))
-        if self.choices and not is_choice:
+        if self.choices and value not in self.choices:
             raise UsageError(
                 f"setting {self.name} = {value!r}: choose from {', '.join(self.choices)}"
-                + f", {PLUGIN}NAME" * self.plugins
             )
         if self.is_number and not self._in_range(value):
             too_large = self.range.endswith("more") and value > self.most
@@ -320,12 +309,10 @@ _PIXELS = _group(
     pixels=SettingField(help="number of selected pixels, J", metavar="J", least=1),
     strategy=SettingField(
         help="how pixels are selected",
-        plugins=True,
         more="variance: drawn by the variance of their counts (the paper). seed-code: drawn by the "
         "mean of their counts (the released code). random: all equally likely. random-upper: "
         "random, from the upper two thirds of the image. top: the highest variances. information: "
-        "one by one, each the pixel that adds most about the place. plugin:NAME: see "
-        "docs/recipes.md.",
+        "one by one, each the pixel that adds most about the place.",
     ),
     sigma=SettingField(
         help="width (sigma, in pixels) of the Gaussian that keeps selected pixels apart",
@@ -484,7 +471,7 @@ class Settings:
     """
 
     pixels: int = 150
-    strategy: Strategy | PartName = "variance"
+    strategy: Strategy = "variance"
     sigma: float = 7.0
     seed: int = 0
     window: WindowKind = "time"
@@ -756,7 +743,7 @@ class SettingChanges(MatchingChanges, total=False):
     """All settings as keywords; three have a shorter name too, which is that of their flag."""
 
     pixels: int
-    strategy: Strategy | PartName
+    strategy: Strategy
     sigma: float
     seed: int
     window: WindowKind

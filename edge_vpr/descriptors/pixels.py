@@ -23,8 +23,7 @@ from edge_vpr.descriptors.windows import (
 )
 from edge_vpr.errors import UsageError, expect, kind_of
 from edge_vpr.events import Sensor
-from edge_vpr.plugins import Registry
-from edge_vpr.settings import PLUGIN, STRATEGIES, Settings
+from edge_vpr.settings import STRATEGIES
 from fixedpoint.own_mean import LEVEL_FRACTION_BITS, OwnMeanCode
 
 # Selection of a few pixels by their saliency.
@@ -431,57 +430,7 @@ class PixelStatistics:
         return self.windows
 
 
-# Selection by a function of another package.
-
-
-#: An entry point of this group names a function of a `PixelStatistics`, the `Settings`, and a mask
-#: of the pixels that must not be selected, which returns a `PixelMap` of ``settings.pixels``.
-GROUP = "edge_vpr.strategies"
-_PLUGINS = Registry(GROUP, {})
-
-
-def plugin_pixels(
-    statistics: PixelStatistics, settings: Settings, exclude: npt.NDArray[np.bool_]
-) -> PixelMap:
-    """Select pixels by the strategy of another package.
-
-    Parameters
-    ----------
-    statistics : PixelStatistics
-        Of the reference.
-    settings : Settings
-        `strategy` is ``plugin:NAME``.
-    exclude : ndarray of bool, shape (height, width)
-        Pixels that may not be selected.
-
-    Raises
-    ------
-    UsageError
-        If no package registers it, its import fails, or it does not select as many pixels as the
-        settings say, on the sensor and not excluded.
-    """
-    name = settings.strategy.removeprefix(PLUGIN)
-    select = _PLUGINS.load(name)
-    if select is None:
-        names = [PLUGIN + each for each in _PLUGINS.names()]
-        raise UsageError(
-            f"strategy {settings.strategy} is registered by no installed package: choose from "
-            f"{', '.join([*STRATEGIES, *names])}"
-        )
-    chosen = select(statistics, settings, exclude)
-    expect(chosen, PixelMap, f"what strategy {name} selects", "a PixelMap(sensor, x, y)")
-    height, width = exclude.shape
-    if chosen.sensor != (width, height) or len(chosen) != settings.pixels:
-        raise UsageError(
-            f"strategy {name} selects {chosen!r}: expected {settings.pixels} pixels of "
-            f"{width}x{height}, so correct it"
-        )
-    if taken := int(np.count_nonzero(exclude[chosen.y, chosen.x])):
-        raise UsageError(
-            f"strategy {name} selects {taken} pixels that are hot or were not counted: let it "
-            "leave out those of its argument exclude"
-        )
-    return chosen
+# Pixels of a file.
 
 
 def load_pixel_map(path: str | Path, sensor: Sensor) -> PixelMap:

@@ -26,6 +26,7 @@ class Drive(NamedTuple):
     sensor: str
     clock_us: int = 0  #: Start of the recording on its own clock.
     track: Track | None = None
+    silent_us: tuple[int, int] = (0, 0)  #: Longest time of whole windows without an event.
 
     @classmethod
     def of_windows(
@@ -38,7 +39,15 @@ class Drive(NamedTuple):
     ) -> Drive:
         """Return the drive whose windows, counted from `start_us`, do not overlap."""
         end_us = start_us + int(windows.end_us[-1])
-        return cls(int(windows.events.sum()), start_us, end_us, str(sensor), clock_us, track)
+        silent = np.concatenate([[False], windows.events == 0, [False]])
+        edges = np.flatnonzero(silent[1:] != silent[:-1])
+        begins, ends = windows.start_us[edges[::2]], windows.end_us[edges[1::2] - 1]
+        longest = int(np.argmax(ends - begins)) if begins.size else None
+        return cls(
+            int(windows.events.sum()), start_us, end_us, str(sensor), clock_us, track,
+            (0, 0) if longest is None
+            else (start_us + int(begins[longest]), start_us + int(ends[longest])),
+        )  # fmt: skip
 
 
 def facts(drives: Mapping[str, Drive], truth: GroundTruth | None = None) -> dict[str, str]:
@@ -67,10 +76,16 @@ def facts(drives: Mapping[str, Drive], truth: GroundTruth | None = None) -> dict
 def _of_recording(drive: Drive) -> str:
     seconds = (drive.end_us - drive.start_us) / 1e6
     rate = f", {drive.events / seconds:,.0f} events/s" if seconds else ""
-    begins = ""
+    begins, silent = "", ""
+    if drive.silent_us[1]:
+        first_s, last_s = (time_us / 1e6 for time_us in drive.silent_us)
+        silent = f", none from {first_s:,.1f} to {last_s:,.1f} s"
     if drive.clock_us >= UNIX_US:
         begins = _begins(_UNIX_ZERO + dt.timedelta(microseconds=drive.clock_us))
-    return f"{drive.events:,} events in {seconds:,.1f} s{rate}, of {drive.sensor} pixels{begins}"
+    return (
+        f"{drive.events:,} events in {seconds:,.1f} s{rate}{silent}, of {drive.sensor} pixels"
+        f"{begins}"
+    )
 
 
 def _of_track(track: Track, start_us: int, end_us: int) -> str:

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from edge_vpr.errors import EdgeVprWarning, RecordingError, UsageError, as_path, printable
+from edge_vpr.errors import RecordingError, UsageError, as_path, printable
 from edge_vpr.events import LONGEST_SIDE, TIME_LIMIT_US, Sensor
 from edge_vpr.recordings.decoding import ArrayStream
 from edge_vpr.recordings.numpy_files import Archive
@@ -486,14 +486,7 @@ def read_count_frames(path: str | Path) -> CountFrames:
 
 
 def parse_period(duration: Fraction | float | str) -> Fraction:
-    """Return the exact period of a frame in seconds, of a number or of text such as ``1/30``.
-
-    Warns
-    -----
-    EdgeVprWarning
-        If a frame lasts more than a second: frames per second may be meant. An exact period, which
-        was parsed before, gives no warning.
-    """
+    """Return the exact period of a frame in seconds, of a number or of text such as ``1/30``."""
     period = Fraction(0)
     if isinstance(duration, Fraction):
         period = duration
@@ -504,13 +497,6 @@ def parse_period(duration: Fraction | float | str) -> Fraction:
         period = Fraction(duration).limit_denominator(1_000_000)
     if not 0 < period < 1 << 31:
         raise UsageError(f"frame period {duration!r} is no positive number: write for example 1/30")
-    if period > 1 and not isinstance(duration, Fraction):
-        warnings.warn(
-            f"frame_period={duration}: a frame lasts {float(period):g} s; if there are so many "
-            f"frames a second, give frame_period='{1 / period}'",
-            EdgeVprWarning,
-            stacklevel=3,
-        )
     return period
 
 
@@ -533,12 +519,17 @@ class FrameSource(Source):
                 f"{path} does not say how long a frame lasts: pass frame_period=, "
                 "for example frame_period='1/30'"
             )
-        if self.frames.pixel_x is None:
+        if self.frames.pixel_x is None or self.frames.pixel_y is None:
             raise UsageError(
                 f"{path} has counts without pixel_x and pixel_y, so that they cannot become "
                 "events: add the pixels, or use the counts as windows (read_count_frames)"
             )
         self.frame_period, self.period_us = period, period * 1_000_000
+        if self.sensor is not None:
+            self.counted = np.zeros((self.sensor.height, self.sensor.width), dtype=np.bool_)
+            x, y = self.frames.pixel_x, self.frames.pixel_y
+            on = (x < self.sensor.width) & (y < self.sensor.height)
+            self.counted[y[on], x[on]] = True
 
     def chunks(self, log: FaultLog) -> Iterator[Columns]:
         """Yield the events of one frame after another; see :class:`Source`."""

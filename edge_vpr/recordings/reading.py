@@ -122,10 +122,13 @@ class Source(ABC):
         has come so far. Windows that end by then are complete.
     position : float or None
         Share of the file that has been read, 0 to 1; None if it is not known.
+    counted : ndarray of bool, shape (height, width), or None
+        Pixels that the file counts, if it names some alone.
     """
 
     start_us: int | None = None
     end_us: int | None = None
+    counted: npt.NDArray[np.bool_] | None = None
     relative: bool = False
     position: float | None = 0.0
 
@@ -547,6 +550,8 @@ class Recording:
         Whether this is a table without a column of the polarity, so that all events are ON.
     frame_period : Fraction or None
         Seconds per frame of counts, as the file states or as given; None if the file holds events.
+    counted : ndarray of bool, shape (height, width), or None
+        Pixels that the file counts, if it names some alone.
     end_us : int or None
         Where the recording is known to end, after a pass over all of it: count frames end with
         their last frame, and a part of a recording where it was cut. None if only its last event is
@@ -562,6 +567,7 @@ class Recording:
         self.path: Path = source.path
         self.format = source.options.format
         self.sensor: Sensor = source.sensor
+        self.counted = source.counted
         self.faults = Faults()
         self._source = source
         self._on_fault = on_fault

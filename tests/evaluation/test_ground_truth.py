@@ -12,7 +12,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from edge_vpr.errors import EdgeVprWarning, GroundTruthError, UsageError
+from edge_vpr.errors import GroundTruthError, UsageError
 from edge_vpr.evaluation import ground_truth
 from edge_vpr.evaluation.ground_truth import (
     Alignment,
@@ -477,13 +477,6 @@ def test_the_wrong_unit_shows_in_the_error():
         from_alignment(alignment, seconds, np.arange(100, 200) * SECOND, 60)
     with pytest.raises(UsageError, match=r"give what load_alignment returned, or Alignment\("):
         from_alignment(alignment.pairs, seconds, seconds, 60)
-
-
-def test_a_frame_of_many_seconds_is_doubted_once():
-    alignment, seconds = Alignment([[0, 0], [6, 6]], "frame"), np.arange(0.5, 60) * SECOND
-    with pytest.warns(EdgeVprWarning, match="a frame lasts 10 s") as caught:
-        from_alignment(alignment, seconds, seconds, 1, frame_period="10")
-    assert len(caught) == 1
 
 
 def test_speck_walks_has_truth_for_the_queries_that_its_alignment_covers(shared_data):

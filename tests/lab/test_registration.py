@@ -116,7 +116,6 @@ def test_pixels_off_the_sensor_and_on_hot_pixels_are_dropped():
         moved_map(mapped, SENSOR.width, 0)
 
 
-@pytest.mark.filterwarnings("ignore:this place or light is not the map's")
 def test_a_map_of_several_drives_is_moved_with_its_learnt_means():
     """What is stored for each counter goes with its pixel, and the moved map can learn further."""
     rng = np.random.default_rng(9)

@@ -289,7 +289,6 @@ def test_an_image_is_shifted_and_what_leaves_is_lost():
     assert np.array_equal(shifted(image, 0, 0), image)
 
 
-@pytest.mark.filterwarnings("ignore:this place or light is not the map's")
 def test_the_mount_shift_is_undone(monkeypatch):
     reference, query = (CountedWindows(images, TAU) for images in drives())
     pair = Pair("drives", reference, query, SETTINGS, TRUTHS)

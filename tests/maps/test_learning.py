@@ -94,7 +94,7 @@ def test_a_map_that_learns_its_own_drive_stays_as_it_is(
     reference, _ = drives
     route = ReferenceMap.build(reference, pixels=20, track=reference.track, **changes)
     update = route.update(reference, track=reference.track)
-    assert update.aligned.all() and update.learnt.all() and not update.warnings
+    assert update.aligned.all() and update.learnt.all()
     assert (update.reference.places.counts == route.places.counts).all()
     assert (update.reference.places.selected_events == route.places.selected_events).all()
     assert update.reference.drives is not None and (update.reference.drives == 2).all()
@@ -148,7 +148,7 @@ def test_a_drive_that_is_not_of_the_route_is_refused_unless_it_is_said_to_be(
     with pytest.raises(UsageError, match="same_route="):
         learn_drive(route, other)
     update = learn_drive(route, counted, same_route=True)
-    assert update.aligned.mean() > 0.9 and not update.warnings
+    assert update.aligned.mean() > 0.9
 
 
 def test_windows_between_anchors_are_aligned_with_the_places_between_them(drives: Drives) -> None:
@@ -180,21 +180,7 @@ def test_windows_away_from_the_route_are_not_learnt() -> None:
     assert aligned[half : half + away].mean() <= 0.5
 
 
-def test_places_that_look_different_are_named(drives: Drives) -> None:
-    reference, query = drives
-    route = ReferenceMap.build(reference, pixels=50, track=reference.track)
-    counted = count_places(query, route.pixel_map, route.settings)
-    place = _nearest(route, reference.track, query.track, counted.centre_us)
-    rebuilt = int(np.median(place))
-    counts = counted.counts.copy()
-    counts[place == rebuilt] = counts[place == rebuilt][:, ::-1] * 0
-    counts[place == rebuilt, ::2] = 255
-    update = learn_drive(route, replace(counted, counts=counts), track=query.track)
-    assert rebuilt in update.changed
-    assert f"{rebuilt}" in str(update)
-
-
-def test_a_drive_that_leaves_the_route_is_learnt_with_a_warning(drives: Drives) -> None:
+def test_a_drive_that_leaves_the_route_is_learnt(drives: Drives) -> None:
     reference, query = drives
     route = ReferenceMap.build(reference, pixels=50, track=reference.track)
     counted = count_places(query, route.pixel_map, route.settings)
@@ -209,7 +195,7 @@ def test_a_drive_that_leaves_the_route_is_learnt_with_a_warning(drives: Drives) 
     )
     update = learn_drive(route, Descriptors(*both), track=track)
     assert not update.aligned[n:].any()
-    assert any("could be aligned" in sentence for sentence in update.warnings)
+    assert f"{update.aligned.sum()} of {update.aligned.size} windows aligned" in str(update)
 
 
 @pytest.mark.parametrize(("share", "refused"), [(0.95, False), (0.85, True)])

@@ -8,7 +8,6 @@ import hashlib
 import inspect
 import json
 import re
-import warnings
 from fractions import Fraction
 from pathlib import Path
 from types import SimpleNamespace
@@ -201,12 +200,6 @@ def test_matching_settings_are_keywords_and_others_are_refused(folder, route):
         route.match(folder / "tuesday.npz", pixels=6)
 
 
-def test_windows_that_hold_hardly_an_event_are_doubted(folder):
-    drive = folder / "monday.npz"
-    with pytest.warns(ev.EdgeVprWarning, match=r"windows of 1e-05 s hold 0\.\d+ events at the 5"):
-        ev.ReferenceMap.build(drive, **SMALL | {"tau": "10us", "matching": "sequence"})
-
-
 def test_a_camera_that_sees_a_quarter_of_the_events_is_matched_live_too():
     first, second = simulate_pair(0, "tiny", length_m=200)
     route = ev.ReferenceMap.build(first, track=first.track, pixels=100)
@@ -218,32 +211,22 @@ def test_a_camera_that_sees_a_quarter_of_the_events_is_matched_live_too():
         assert evaluation.correct[begin:].mean() > 0.8  # live, once the gain is known
 
 
-@pytest.mark.filterwarnings("error")
-def test_another_street_is_a_warning():
+def test_another_street_shows_in_the_facts():
     first, _ = simulate_pair(0, "tiny", length_m=60)
     route = ev.ReferenceMap.build(first, pixels=50)
     _, other = simulate_pair(5, "tiny", length_m=60)
-    with pytest.warns(ev.EdgeVprWarning, match=r"light is not the map's, by \d+% of the matches"):
-        route.match(other)
-    metered = dataclasses.replace(route, odometer_mm=np.arange(len(route)) * 3_000)
-    sign = r"% of the matches: check that the odometry is in metres, forwards positive, and that"
-    with pytest.warns(ev.EdgeVprWarning, match=sign):
-        metered.match(other, odometry={"time_s": [0, 60], "distance_m": [0, -60]})
+    result = route.match(other)
+    told = re.fullmatch(r"(\d+) of (\d+) matches: .* is not the map's", result.facts()["light"])
+    assert told is not None
+    assert int(told[1]) > 0.25 * int(told[2]) and int(told[2]) == len(result)
 
 
-def test_a_time_without_any_event_is_named_where_a_clock_may_have_jumped(route):
+def test_a_time_without_any_event_is_a_fact_of_the_drive(route):
     events = events_of(1)
     late = np.where(np.arange(events.size) < events.size // 2, 0, 20_000_000)
     jumped = with_times(events, events["t"] + late)
-    silence = r"the recording has no event from 1 to 21 s, where"
-    with pytest.warns(ev.EdgeVprWarning, match=silence):
-        route.match(jumped)
-    with pytest.warns(ev.EdgeVprWarning, match=silence):
-        ev.ReferenceMap.build(jumped, **SMALL | {"tau": "500ms"})
-    short = with_times(events, events["t"] + late // 4)
-    with warnings.catch_warnings():
-        warnings.filterwarnings("error", "the recording has no event")
-        route.match(short)
+    assert "none from 1.0 to 21.0 s" in route.match(jumped).facts()["query"]
+    assert "none from" not in route.match(with_times(events, events["t"])).facts()["query"]
 
 
 def with_times(events, times):
@@ -263,8 +246,8 @@ def test_fewer_pixels_than_were_asked_for_are_named(tmp_path):
     # as of a sensor that has no others
     np.savez(tmp_path / "grid.npz", frames=counts.reshape(40, 3, 3))
     grid = ev.PublishedWindows(tmp_path / "grid.npz", frame_period=1)
-    with pytest.warns(ev.EdgeVprWarning, match="pixels=150, and .* events at 9 pixels alone"):
-        assert ev.ReferenceMap.build(grid, pixels=150).settings.pixels == 9
+    with pytest.raises(UsageError, match="only 9 of 9 pixels .* ask for at most 9"):
+        ev.ReferenceMap.build(grid, pixels=150)
 
 
 def test_settings_that_leave_the_places_open_take_those_of_the_map(folder, route):
@@ -337,17 +320,12 @@ def test_no_hot_pixels_are_searched_where_most_pixels_never_fire():
     assert made.hot.sum() == 0 and len(made.pixel_map) == 40
 
 
-def test_all_pixels_are_taken_where_few_were_published(tmp_path, capsys):
-    """Counts at pixels that somebody else selected need no flag: the map has all of them."""
-    events = sparse_drive()
-    made = ev.ReferenceMap.build(Drive(events, SPARSE), tau="100ms")
-    chosen = set(zip(made.pixel_map.x.tolist(), made.pixel_map.y.tolist(), strict=True))
-    assert chosen == set(zip(events["x"].tolist(), events["y"].tolist(), strict=True))
-    assert made.settings.pixels == len(chosen) == 60
-    ev.write_recording(tmp_path / "few.npz", events, sensor=SPARSE)
-    words = ["map", str(tmp_path / "few.npz"), "-o", str(tmp_path / "map.npz"), "--tau", "100ms"]
-    assert main(words) == 0
-    assert "has events at 60 pixels alone, of 150 that were asked for" in capsys.readouterr().err
+def test_pixels_that_a_file_does_not_name_are_asked_for():
+    """Of events at few pixels alone, nobody knows whether somebody has selected them."""
+    drive = Drive(sparse_drive(), SPARSE)
+    with pytest.raises(UsageError, match=r"only 60 of 1200 pixels .* and 150 were asked for"):
+        ev.ReferenceMap.build(drive, tau="100ms", sigma=0.1)
+    assert len(ev.ReferenceMap.build(drive, pixels=60, tau="100ms", sigma=0.1).pixel_map) == 60
 
 
 def test_the_published_counts_make_a_map_with_all_defaults(shared_data, tmp_path):

@@ -274,7 +274,7 @@ def mapped(recording: AnyRecording, track: AnyTrack) -> ReferenceMap:
 def shown(match: Match) -> int:
     return match.place
 
-mine(pixels=50, places_per_window="auto", strategy=PartName("plugin:grid"))
+mine(pixels=50, places_per_window="auto", strategy="top")
 open_recording("monday.csv", on_fault="drop", time_unit="ns", columns="xytp")
 route.match("tuesday.raw").report("out", figures=["png", "pdf"])
 """

@@ -18,14 +18,12 @@ from edge_vpr.events import Sensor, join_events
 from edge_vpr.live.protocols import open_decoder, open_encoder
 from edge_vpr.recordings import open_recording, write_recording
 from edge_vpr.reference_map import ReferenceMap
-from edge_vpr.settings import Settings
 from tests.streams import Drive, random_events
 
 _, PAGE = (Path(__file__).parents[2] / "docs/recipes.md").read_text().split("## Add your own parts")
 SENSOR = Sensor(24, 20)
 GROUPS = {
     "edge_vpr.formats": "broken = my_broken",
-    "edge_vpr.strategies": "broken = my_broken:select",
     "edge_vpr.baselines": "broken = my_broken:Baseline",
     "edge_vpr.protocols": "broken = my_broken",
 }
@@ -49,15 +47,14 @@ def install(folder, monkeypatch, entries, **modules):
 def as_the_page_says(tmp_path_factory, monkeypatch):
     """The package of docs/recipes.md, word for word."""
     (toml,) = re.findall(r"```toml\n(.*?)```", PAGE, re.DOTALL)
-    strategy, baseline, pairs, protocol = re.findall(r"```python[^\n]*\n(.*?)```", PAGE, re.DOTALL)
+    baseline, pairs, protocol = re.findall(r"```python[^\n]*\n(.*?)```", PAGE, re.DOTALL)
     declared = tomllib.loads(toml)["project"]["entry-points"]
     entries = {
         group: "\n".join(f"{name} = {value}" for name, value in names.items())
         for group, names in declared.items()
     }
     folder = tmp_path_factory.mktemp("package")
-    parts = strategy + baseline
-    install(folder, monkeypatch, entries, my_parts=parts, my_pairs=pairs, my_protocol=protocol)
+    install(folder, monkeypatch, entries, my_parts=baseline, my_pairs=pairs, my_protocol=protocol)
 
 
 @pytest.fixture
@@ -67,53 +64,13 @@ def drive():
 
 
 @pytest.mark.usefixtures("as_the_page_says")
-def test_a_strategy_of_another_package_selects_the_pixels_of_a_map(drive, tmp_path, capsys):
-    reference = ReferenceMap.build(drive, pixels=30, strategy="plugin:grid")
-    assert (
-        len(reference.pixel_map) == 30
-        and not reference.hot[reference.pixel_map.y, reference.pixel_map.x].any()
-    )
-    write_recording(tmp_path / "a.npz", iter(drive), sensor=SENSOR)
-    flags = ["--strategy", "plugin:grid", "--pixels", "30"]
-    main(["map", str(tmp_path / "a.npz"), "-o", str(tmp_path / "map.npz"), *flags])
-    assert ReferenceMap.load(tmp_path / "map.npz").pixel_map == reference.pixel_map
-    with pytest.raises(UsageError, match=r"plugin:gird is registered by no installed .*:grid"):
-        ReferenceMap.build(drive, pixels=30, strategy="plugin:gird")
-    with pytest.raises(UsageError, match=r"choose from variance, .*, plugin:NAME"):
-        Settings(strategy="plugin")
-    assert main(["map", "a.npz", "-o", "b.npz", "--strategy", "gird"]) == 2
-    assert "'gird': choose from variance" in capsys.readouterr().err
-
-
-def test_a_map_with_a_strategy_of_another_package_is_read_without_it(drive, tmp_path, monkeypatch):
-    with monkeypatch.context() as installed:
-        select = "def chosen(s, settings, exclude):\n    from edge_vpr.descriptors.pixels import "
-        select += "PixelMap\n    return PixelMap.all_of(s._sensor)\n"
-        entries = {"edge_vpr.strategies": "mine = my_pixels:chosen"}
-        install(tmp_path, installed, entries, my_pixels=select)
-        made = ReferenceMap.build(
-            drive, pixels=SENSOR.pixels, strategy="plugin:mine", hot_pixels="keep"
-        )
-        with pytest.raises(UsageError, match=r"selects PixelMap.* expected 30 pixels of 24x20"):
-            ReferenceMap.build(drive, pixels=30, strategy="plugin:mine")
-        hot = np.ones((20, 24), np.bool_)
-        with pytest.raises(UsageError, match="selects 480 pixels that are hot"):
-            ReferenceMap.build(drive, pixels=480, strategy="plugin:mine", hot=hot)
-    made.save(tmp_path / "map.npz")
-    result = ReferenceMap.load(tmp_path / "map.npz").match(drive)
-    assert len(result.matches)
-
-
-@pytest.mark.usefixtures("as_the_page_says")
-def test_a_baseline_and_a_strategy_of_another_package_are_compared():
+def test_a_baseline_of_another_package_is_compared():
     rng = np.random.default_rng(1)
     images = rng.poisson(rng.gamma(0.6, 6.0, (12, 30, 40))).astype(np.uint16)
     assert baseline_names()[-1] == "columns"
-    for name in ("columns", "columns@1,2", "strategy:grid", "strategy:random"):
+    for name in ("columns", "columns@1,2", "strategy:random"):
         compared = compare(open_baseline(name, 3), images, images)
         assert compared.distances.argmin(axis=0).tolist() == list(range(12))
-    with pytest.raises(UsageError, match="plugin:netvlad is registered by no installed"):
-        open_baseline("strategy:netvlad").prepare(images)
 
 
 def test_a_baseline_that_is_no_callable_is_left_out_and_named(tmp_path, monkeypatch, capsys):
@@ -202,7 +159,6 @@ def test_a_part_that_cannot_be_imported_is_named_and_breaks_nothing_else(
         lambda: open_recording(tmp_path / "a.own", sensor=SENSOR),
         lambda: open_recording(tmp_path / "a.npz", format="broken"),
         lambda: open_decoder("broken", SENSOR),
-        lambda: ReferenceMap.build(drive, pixels=30, strategy="plugin:broken"),
     ):
         expected = r"'broken' of mine \(edge_vpr.* cannot be imported .*no_such_library"
         with pytest.raises((UsageError, RecordingError), match=expected):

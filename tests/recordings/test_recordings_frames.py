@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from edge_vpr.errors import EdgeVprWarning, RecordingError, UsageError
+from edge_vpr.errors import RecordingError, UsageError
 from edge_vpr.events import Sensor, join_events
 from edge_vpr.recordings import open_recording, parse_period, read_count_frames
 
@@ -171,12 +171,6 @@ def test_what_the_caller_has_to_say_is_asked_for(tmp_path):
         open_recording(tmp_path / "b.npz", frame_period=THIRTIETH)
     with pytest.raises(RecordingError, match="does not exist"):
         read_count_frames(tmp_path / "c.npz")
-
-
-def test_frames_a_second_in_the_place_of_seconds_are_doubted():
-    with pytest.warns(EdgeVprWarning, match=r"frame_period=30: a frame lasts 30 s; .*='1/30'$"):
-        assert parse_period(30) == 30
-    assert parse_period(1) == 1
 
 
 @pytest.mark.parametrize("text", ["0", "-1", "1/0", "fast", ""])

@@ -260,19 +260,19 @@ def test_the_facts_of_the_console_stand_in_the_report(street):
     folder = shutil.copytree(street / "results", street / "facts")
     said = evaluated(street, folder, tolerance=5)
     metrics, text = read(folder)
-    assert [*metrics["facts"]][2:] == ["reference track", "query track", "routes"]
+    assert [*metrics["facts"]][2:] == ["reference track", "query track", "routes", "light"]
     for heading, line in metrics["facts"].items():
         assert re.search(f"^{heading} +{re.escape(line)}$", said, re.MULTILINE)
         assert line in text
 
 
 def test_warnings_of_matching_stay_in_the_report_of_an_evaluation(street, monkeypatch):
-    monkeypatch.setattr("edge_vpr_tools.console._MANY_BURSTS", -1.0)
+    monkeypatch.setattr("edge_vpr_tools.console._FEW_PLACES", 1_000_000)
     folder = street / "burst"
     run("match", street / "map.npz", street / "pair/query.npz", "-o", folder)
-    assert "were removed as bursts, moments" in read(folder)[1]
+    assert "fewer than 1000000, probabilities are too high" in read(folder)[1]
     evaluated(street, folder)
-    assert "Warning: 0% of the events of" in read(folder)[1]
+    assert "fewer than 1000000, probabilities are too high" in read(folder)[1]
 
 
 def test_an_online_report_shows_correct_and_wrong_once_it_knows(street):

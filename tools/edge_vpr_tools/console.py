@@ -22,7 +22,6 @@ if TYPE_CHECKING:
     from rich.console import Console
     from rich.text import Text
 
-    from edge_vpr.descriptors.counting import Removed
     from edge_vpr.reference_map import ReferenceMap
 
 # Notes on standard error and summaries on standard output, depending on ``-q`` and ``-v``.
@@ -171,19 +170,6 @@ def number_of(count: int, word: str) -> str:
     """
     plural = "es" if word.endswith("ch") else "s"
     return f"{count:,} {word}{plural * (count != 1)}"
-
-
-#: share of events that a few bursts of a sensor do not reach
-_MANY_BURSTS = 0.05
-
-
-def warn_of_bursts(removed: Removed, path: str, remedy: str) -> None:
-    """Warn if bursts were more than `_MANY_BURSTS` of a recording."""
-    if removed.burst_share > _MANY_BURSTS:
-        warning(
-            f"{removed.burst_share:.0%} of the events of {path} were removed as bursts, moments "
-            f"when most pixels fire: if that is the scene's or the camera's motion, {remedy}"
-        )
 
 
 #: With fewer places, hardly any lies outside the exclusion zone of a wrong match, so that its trust

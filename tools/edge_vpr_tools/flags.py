@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable
 from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING, Any
@@ -241,26 +241,17 @@ def _add_flags(
                 "--track or --odometry, without them 3 events at each selected pixel"
             )
             form["type"] = partial(_auto_or, form["type"])
-        action = parser.add_argument(*names, dest=field.key, help=text, **form)
-        if field.plugins:  # argparse knows no choices, and argcomplete offers these
-            action.completer = partial(_offered, field.choices)  # type: ignore[attr-defined]
+        parser.add_argument(*names, dest=field.key, help=text, **form)
 
 
 def _auto_or(read: Callable[[str], object], text: str) -> object:
     return text if text == "auto" else read(text)
 
 
-def _offered(choices: Sequence[str], **_: object) -> Sequence[str]:
-    return choices
-
-
 def _form(field: SettingField) -> dict[str, Any]:
     """Return the arguments by which argparse reads a flag: a switch, a choice, or a value."""
     if field.kind is bool and not field.words:
         return {"action": argparse.BooleanOptionalAction}
-    if field.choices and field.plugins:
-        shown = f"{{{','.join(field.choices)},plugin:NAME}}"
-        return {"metavar": shown, "type": _checked(field)}
     if field.choices:
         return {"choices": (*field.choices, *field.words)}
     if field.kind is bool and field.metavar is None:
@@ -276,15 +267,9 @@ def _checked(field: SettingField) -> Callable[[str], str]:
 
     def word(typed: str) -> str:
         try:
-            value = field.value_of(typed)
-            if field.choices:
-                field.check(value)
+            field.value_of(typed)
         except UsageError:
-            expected = f": expected {field.accepted}"
-            if field.choices:
-                listed = ", ".join((*field.choices, "plugin:NAME"))
-                expected = did_you_mean(typed, field.choices) or f": choose from {listed}"
-            raise argparse.ArgumentTypeError(f"{typed!r}{expected}") from None
+            raise argparse.ArgumentTypeError(f"{typed!r}: expected {field.accepted}") from None
         return typed
 
     return word

@@ -15,7 +15,6 @@ from edge_vpr_tools.console import (
     number_of,
     print_facts,
     summary,
-    warn_of_bursts,
     warn_of_few_places,
     warning,
 )
@@ -145,8 +144,6 @@ def run(args: argparse.Namespace) -> None:
         if fits:
             settings = _with_fitting_window(args, settings, track)
         reference, seconds = _mapped(args, settings, recording, track, removed)
-        if concern := slow_concern(reference):
-            warning(f"{args.recording}: {concern}")
         drives["drive"] = Drive.of_windows(
             reference.windows,
             reference.pixel_map.sensor,
@@ -161,8 +158,6 @@ def run(args: argparse.Namespace) -> None:
         )
         summary(f"{path}: {update}{describe_faults(other)}")
         drives[path] = update.drive
-        for concern in update.warnings:
-            warning(f"{path}: {concern}")
         reference = update.reference
     reference.save(output, overwrite=args.overwrite)
     hot_pixels = int(reference.hot.sum())
@@ -186,7 +181,10 @@ def run(args: argparse.Namespace) -> None:
             f"{describe_removed(removed, reference.settings)}"
             f"{describe_faults(recording)}"
         )
-    print_facts(facts(drives))
+    lines = facts(drives)
+    if reference.settings.window == "time":
+        lines["window"] = _of_a_window(reference)
+    print_facts(lines)
     if reference.route is not None:
         info = reference.info()
         summary(
@@ -200,7 +198,6 @@ def run(args: argparse.Namespace) -> None:
                 f"the robot does not move forward by {args.odometry} during this drive: give times "
                 "in seconds from the recording's start, and distances that rise"
             )
-    warn_of_bursts(removed, args.recording, "keep them with --bursts keep")
     warn_of_few_places(output, reference)
 
 
@@ -252,10 +249,8 @@ def _with_fitting_window(
     return chosen
 
 
-#: Travel in a window that is aimed at, and below which few live matches are confident.
-WINDOW_MM, LEAST_MM = 2_500, 2_000
-#: Without a speed: events for each selected pixel and window, likewise.
-ENOUGH_EVENTS, FEW_EVENTS = 3.0, 2.0
+#: travel in a window that is aimed at; without a speed, events for each selected pixel and window
+WINDOW_MM, ENOUGH_EVENTS = 2_500, 3.0
 
 
 def fitting_window(reference: ReferenceMap) -> tuple[int, str]:
@@ -267,39 +262,33 @@ def fitting_window(reference: ReferenceMap) -> tuple[int, str]:
         For 2.5 m of travel in the median window in which the robot moves, if the map knows its
         distances; else for 3 events at each selected pixel. In whole 100 ms, and never shorter
         than the map's: short windows of a fast robot make fewer matches confident.
-    short : str
-        Why the map's windows are too short; empty if they are not.
+    fact : str
+        What the map's windows have of it.
     """
     import numpy as np
 
-    settings, along_mm = reference.settings, reference.along_mm
-    tau_us, short = settings.tau_us, ""
+    tau_us, along_mm = reference.settings.tau_us, reference.along_mm
     moved = np.empty(0)
     if along_mm is not None:
-        moved = np.diff(along_mm[:: settings.window_parts])
+        moved = np.diff(along_mm[:: reference.settings.window_parts])
         moved = moved[moved > 0.1 * moved.mean()] if moved.size else moved
-    per_pixel = float(reference.windows.selected_events.mean()) / len(reference.pixel_map)
     if moved.size:
         travel_mm = float(np.median(moved))
-        share = WINDOW_MM / travel_mm
-        if travel_mm < LEAST_MM:
-            short = f"the robot drives {travel_mm / 1e3:.1f} m in a window"
+        share, fact = WINDOW_MM / travel_mm, f"{travel_mm / 1e3:.1f} m of travel"
     else:
-        share = ENOUGH_EVENTS / per_pixel if per_pixel else 1.0
-        if 0 < per_pixel < FEW_EVENTS:
-            short = f"a window has {per_pixel:.1f} events for each selected pixel"
-    return max(tau_us, round(tau_us * share / 100_000) * 100_000), short
+        events = float(reference.windows.selected_events.mean()) / len(reference.pixel_map)
+        share = ENOUGH_EVENTS / events if events else 1.0
+        fact = f"{events:.2g} events for each selected pixel"
+    return max(tau_us, round(tau_us * share / 100_000) * 100_000), fact
 
 
-def slow_concern(reference: ReferenceMap) -> str:
-    """Return a warning if windows are too short for the speed of the drive; else empty."""
-    if reference.settings.window != "time":
-        return ""
-    tau_us, short = fitting_window(reference)
-    return short and (
-        f"{short}, and with so little few live matches are confident: for a drive as slow as this, "
-        f"map with --tau {tau_us // 1_000}ms"
+def _of_a_window(reference: ReferenceMap) -> str:
+    """Return what a window of the map's drive has, and how long --tau auto would make it."""
+    tau_us, fact = fitting_window(reference)
+    fits = (
+        f"; --tau auto makes it {tau_us / 1e6:g} s" if tau_us != reference.settings.tau_us else ""
     )
+    return f"{reference.settings.tau_us / 1e6:g} s, {fact}{fits}"
 
 
 def _hot_pixel_file(args: argparse.Namespace) -> str | None:

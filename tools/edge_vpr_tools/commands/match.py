@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING
 from edge_vpr.errors import MapError, UsageError
 from edge_vpr_tools.console import (
     detail_settings,
+    print_facts,
     summary,
-    warn_of_bursts,
     warn_of_few_places,
 )
 from edge_vpr_tools.flags import (
@@ -137,7 +137,6 @@ def run(args: argparse.Namespace) -> None:
         )
     faults = describe_faults(recording)
     queries, matches, metrics = result.queries, result.matches, result.metrics
-    warn_of_bursts(result.removed, args.recording, "make the map with --bursts keep")
     warn_of_few_places(args.map, result.reference)
     facts = []
     if odometry is not None:
@@ -158,6 +157,7 @@ def run(args: argparse.Namespace) -> None:
     summary(f"{output}: {outcome.sentence()}")
     for fact in facts:
         summary(fact)
+    print_facts(result.facts())
     if isinstance(metrics, OnlineMetrics):
         duration_s = metrics.times_real_time * metrics.localising_s
         summary(f"{metrics.events:,} events over {duration_s:.1f} s{removed}{faults}")

@@ -15,8 +15,6 @@ from edge_vpr_tools.console import (
     error_line,
     stopped_by_signals,
     summary,
-    warn_of_bursts,
-    warning,
 )
 from edge_vpr_tools.flags import (
     DEFAULT_PRESET,
@@ -220,11 +218,7 @@ def run(args: argparse.Namespace) -> None:
     )  # fmt: skip
     _show(args, session)
     if files.learnt is not None:
-        warn_of_bursts(files.removed, args.port, "keep them with --bursts keep")
-        update = files.update
-        for concern in () if update is None else update.warnings:
-            warning(concern)
-        learnt = files.learnt
+        learnt, update = files.learnt, files.update
         pixels = len(learnt.pixel_map)
         text = f"{printable(args.output)}: {learnt.places_text} at {pixels} pixels"
         summary(text if update is None else f"{text}; {update}")
@@ -272,7 +266,6 @@ def tell_systemd(state: str) -> None:
 
 def _show_steps(session: LiveSession, view: View) -> None:
     """Show each step of a session, and then what it lost."""
-    from edge_vpr.descriptors.counting import Removed
     from edge_vpr.live.watches import nothing_valid
 
     session.on_message = lambda message: view.say(message.kind, message.text, over=message.over)
@@ -291,9 +284,6 @@ def _show_steps(session: LiveSession, view: View) -> None:
     finally:
         status = session.status
         view.summary(status)
-        if session.reference is not None:
-            removed = Removed(status.health.events, status.bursts_removed)
-            warn_of_bursts(removed, session.address, "make the map with --bursts keep")
     if text := session.files.unwritten or view.unwritten:
         raise RecordingError(text)
     if text := nothing_valid(session.health):

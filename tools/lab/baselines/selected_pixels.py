@@ -11,7 +11,6 @@ from edge_vpr.descriptors.pixels import (
     PixelMap,
     PixelStatistics,
     informative_pixels,
-    plugin_pixels,
     select_pixels,
     shortlist,
 )
@@ -20,7 +19,7 @@ from edge_vpr.errors import UsageError
 from edge_vpr.events import Sensor
 from edge_vpr.map_making import map_traverse
 from edge_vpr.reference_map import ReferenceMap
-from edge_vpr.settings import PLUGIN, PRESETS, STRATEGIES, Settings
+from edge_vpr.settings import PRESETS, Settings
 from lab.baselines.baseline import Described, Images, VectorBaseline
 from lab.baselines.dense import AbsoluteDifferences
 
@@ -46,17 +45,11 @@ class SelectedPixels(AbsoluteDifferences):
         """Draw the pixels by their saliency in the reference."""
         chosen = self._settings
         sensor = Sensor(reference.shape[2], reference.shape[1])
-        of_other_package = chosen.strategy.startswith(PLUGIN)
-        kept = 2 << 30 if of_other_package else -1  # images, which only such a strategy may read
-        with PixelStatistics(sensor, clip=chosen.clip, spool_bytes=kept) as first:
+        with PixelStatistics(sensor, clip=chosen.clip, spool_bytes=-1) as first:
             for image in reference:
                 counts = image.astype(np.int64).ravel()
                 first.add(WindowCounts(counts, 0, 1, int(counts.sum())))
             saliency = first.mean() if chosen.strategy == "seed-code" else first.variance()
-            if of_other_package:
-                none = np.zeros(saliency.shape, dtype=np.bool_)
-                self._pixels = plugin_pixels(first, chosen, none)
-                return
         if chosen.strategy == "information":
             listed = shortlist(saliency, np.zeros(saliency.shape, dtype=np.bool_))
             counts = narrow(reference[:, listed.y, listed.x])
@@ -94,9 +87,8 @@ def released_code(seed: int) -> SelectedPixels:
 
 
 def by_strategy(seed: int, name: str) -> SelectedPixels:
-    """Make the paper's method with pixels of a strategy of `Settings`, or of another package."""
-    strategy = name if name in STRATEGIES else PLUGIN + name
-    settings = PRESETS["paper"].replaced({"seed": seed, "strategy": strategy}, "baseline")
+    """Make the paper's method with pixels of a strategy of `Settings`."""
+    settings = PRESETS["paper"].replaced({"seed": seed, "strategy": name}, "baseline")
     return SelectedPixels(f"strategy:{name}, {settings.pixels} pixels, SAD", settings)
 
 
