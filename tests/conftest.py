@@ -5,6 +5,7 @@ from __future__ import annotations
 import errno
 import os
 import pty
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -73,3 +74,30 @@ def any_baud() -> None:
     finally:
         os.close(master)
         os.close(port)
+
+
+@pytest.fixture
+def run(capsys: pytest.CaptureFixture[str]) -> Callable[..., tuple[str, str]]:
+    """Run a command line; check its exit code, and return what it printed, as `out` and `err`."""
+    from edge_vpr_tools.cli import main
+
+    def run(*words: object, code: int = 0) -> tuple[str, str]:
+        capsys.readouterr()
+        ended = main([str(word) for word in words])
+        printed = capsys.readouterr()
+        assert ended == code, printed.err
+        return printed
+
+    return run
+
+
+@pytest.fixture
+def refused(run: Callable[..., tuple[str, str]]) -> Callable[..., str]:
+    """Run a command line that is refused; return its error, which is one line."""
+
+    def refused(*words: object, code: int = 2) -> str:
+        _, err = run(*words, code=code)
+        assert err.startswith("edge-vpr: error: ") and err.count("\n") == 1, err
+        return err
+
+    return refused

@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import json
 import tomllib
 
 import numpy as np
 import pytest
-from edge_vpr_tools.cli import main
 
 from edge_vpr.archive import read_archive
 from edge_vpr.descriptors.cleaning import load_hot_pixels
@@ -158,19 +156,3 @@ def test_a_list_of_hot_pixels_that_names_none_is_refused(tmp_path, line):
     (tmp_path / "hot.txt").write_text(f"x,y\n{line}\n")
     with pytest.raises(RecordingError, match=r"hot\.txt"):
         load_hot_pixels(tmp_path / "hot.txt", SENSOR)
-
-
-@pytest.mark.parametrize("change", [("throughput", 5), ("energy", []), ("run", {}), ("board", 1)])
-def test_a_profile_with_another_value_is_refused_before_anything_is_printed(
-    change, tmp_path, capsys
-):
-    path = tmp_path / "profile.json"
-    profile = saved_files.plain_profile()
-    path.write_text(json.dumps(profile))
-    words = ["profile", "compare", str(path), str(path)]
-    assert main(words) == 0
-    path.write_text(json.dumps(profile | dict([change])))
-    capsys.readouterr()
-    assert main(words) == UsageError.exit_code
-    shown = capsys.readouterr()
-    assert "profile" in shown.err and not shown.out

@@ -31,33 +31,12 @@ import edge_vpr
 from edge_vpr import errors
 from edge_vpr.archive import archive_kind
 from edge_vpr.errors import EdgeVprError, MissingExtraError, UsageError, did_you_mean
-from edge_vpr.events import Sensor, join_events, make_events
+from edge_vpr.events import join_events, make_events
 from edge_vpr.live.protocols import open_encoder
 from edge_vpr.recordings import open_recording, write_recording
 from edge_vpr.settings import PRESETS, SETTING_FIELDS
 from tests.streams import random_events
-
-SENSOR = Sensor(16, 12)
-SMALL = ["--preset", "paper", "--pixels", "5", "--sigma", "1", "--tau", "100ms", "-L", "2"]
-
-
-@pytest.fixture(scope="module")
-def drive(tmp_path_factory):
-    folder = tmp_path_factory.mktemp("drive")
-    events = random_events(np.random.default_rng(0), 4_000, SENSOR, 2_000_000)
-    write_recording(folder / "drive.npz", [events], sensor=SENSOR)
-    words = ["map", str(folder / "drive.npz"), "-o", str(folder / "map.npz"), *SMALL]
-    assert cli.main(words) == 0
-    return folder
-
-
-def refused(capsys, *words):
-    """The one line of a command line that is wrong use."""
-    capsys.readouterr()
-    assert cli.main([str(word) for word in words]) == 2
-    err = capsys.readouterr().err
-    assert err.count("\n") == 1 and err.startswith("edge-vpr: error: ")
-    return err
+from tests.tools.conftest import SENSOR, SMALL
 
 
 @pytest.mark.parametrize(
@@ -91,8 +70,8 @@ def refused(capsys, *words):
         ("match a.npz b.npz -o", "-o/--output: expected one argument"),
     ],
 )
-def test_wrong_use_is_one_line_that_says_what_was_meant(capsys, line, says):
-    assert says in refused(capsys, *line.split())
+def test_wrong_use_is_one_line_that_says_what_was_meant(refused, line, says):
+    assert says in refused(*line.split())
 
 
 def test_suggestions_are_of_similar_names_alone():
@@ -101,12 +80,16 @@ def test_suggestions_are_of_similar_names_alone():
     assert did_you_mean("--gains", ["--lanes", "--target"]) == ""
 
 
+def help_of(capsys, *words):
+    with pytest.raises(SystemExit) as stop:
+        cli.main([*words, "--help"])
+    assert stop.value.code == 0
+    return capsys.readouterr().out
+
+
 @pytest.mark.parametrize(("verb"), VERBS)
 def test_the_help_of_a_verb_is_its_own_with_all_defaults_and_examples_that_parse(verb, capsys):
-    with pytest.raises(SystemExit) as stop:
-        cli.main([*verb.split(), "--help"])
-    assert stop.value.code == 0
-    shown = capsys.readouterr().out
+    shown = help_of(capsys, *verb.split())
     assert shown.startswith(f"usage: edge-vpr {verb} ")
     parser = cli.VerbParser(verb)
     for action in parser._actions:
@@ -123,28 +106,19 @@ def test_the_help_of_a_verb_is_its_own_with_all_defaults_and_examples_that_parse
         cli.VerbParser(verb_of_words).parse(rest)
 
 
-def test_defaults_in_the_help_are_those_of_the_preset(capsys):
-    with pytest.raises(SystemExit):
-        cli.main(["map", "--help"])
-    shown = " ".join(capsys.readouterr().out.split())
+def test_defaults_in_the_help_are_those_of_the_preset_and_in_matching_those_of_the_map(capsys):
+    """So that `stream --help` does not say that no match is rejected."""
+    shown = " ".join(help_of(capsys, "map").split())
     for name in ("pixels", "strategy", "clip", "sequence_length", "exclusion"):
         value = getattr(PRESETS["default"], name)
         assert f"--{name.replace('_', '-')}" in shown
         assert f"(default: {SETTING_FIELDS[name].word(value)})" in shown
-
-
-def test_matching_with_a_map_begins_with_its_settings(capsys):
-    """So that `stream --help` does not say that no match is rejected."""
-    with pytest.raises(SystemExit):
-        cli.main(["stream", "--help"])
-    shown = " ".join(capsys.readouterr().out.split())
+    shown = " ".join(help_of(capsys, "stream").split())
     assert "none: mark none (default: the map's, or for a new one none)" in shown
 
 
 def test_help_and_version_stand_without_a_verb(capsys):
-    with pytest.raises(SystemExit):
-        cli.main(["--help"])
-    shown = capsys.readouterr().out
+    shown = help_of(capsys)
     assert all(f"  {verb} " in shown for verb in VERBS)
     assert all(f"{group}:" in shown for group in GROUPS)
     for example in EXAMPLES.splitlines():
@@ -158,9 +132,8 @@ def test_help_and_version_stand_without_a_verb(capsys):
 
 
 @pytest.mark.parametrize("words", [["--debug", "info", "x"], ["info", "--debug", "x"]])
-def test_debug_shows_the_trace_wherever_it_stands(words, capsys):
-    assert cli.main(words) != 0
-    assert "Traceback" in capsys.readouterr().err
+def test_debug_shows_the_trace_wherever_it_stands(words, run):
+    assert "Traceback" in run(*words, code=1).err
 
 
 def test_general_flags_stand_before_and_between_and_after_words():
@@ -169,38 +142,40 @@ def test_general_flags_stand_before_and_between_and_after_words():
     assert find_verb(["--help"]) == ("", ["--help"])
 
 
-def test_quiet_says_nothing_and_verbose_says_more(drive, tmp_path, capsys):
-    words = ["map", str(drive / "drive.npz"), "-o", str(tmp_path / "map.npz"), *SMALL]
-    capsys.readouterr()
-    assert cli.main(["-q", *words]) == 0
-    assert capsys.readouterr() == ("", "")
-    assert cli.main([*words, "-v", "--overwrite"]) == 0
-    out, err = capsys.readouterr()
+def test_quiet_says_nothing_and_verbose_says_more(drive, tmp_path, run):
+    words = ["map", drive / "reference.npz", "-o", tmp_path / "map.npz", *SMALL]
+    assert run("-q", *words) == ("", "")
+    out, err = run(*words, "-v", "--overwrite")
     assert "19 places" in out and "edge-vpr: setting pixels = 5" in err
     assert not console.is_quiet()  # the next command is as loud as ever
 
 
-def test_a_map_and_a_recording_in_each_others_place(drive, tmp_path, capsys):
+def test_a_map_and_a_recording_in_each_others_place(drive, tmp_path, refused):
     output = tmp_path / "out"
-    says = refused(capsys, "match", drive / "drive.npz", drive / "map.npz", "-o", output)
+    says = refused("match", drive / "query.npz", drive / "map.npz", "-o", output)
     assert "the map comes first" in says
-    says = refused(capsys, "map", drive / "map.npz", "-o", tmp_path / "b.npz")
+    says = refused("map", drive / "map.npz", "-o", tmp_path / "b.npz")
     assert "map.npz is a map already: name the drives that it is to learn" in says
-    says = refused(capsys, "convert", drive / "map.npz", tmp_path / "b.elf")
+    says = refused("convert", drive / "map.npz", tmp_path / "b.elf")
     assert "map.npz is a map, which edge-vpr convert writes for a device's memory" in says
     assert "b.elf in .h, .bin or .hex" in says
-    says = refused(capsys, "match", drive / "map.npz", drive / "map.npz", "-o", output)
+    says = refused("match", drive / "map.npz", drive / "map.npz", "-o", output)
     assert "map.npz is a reference map, and a recording is expected" in says
     assert archive_kind(drive / "map.npz") == "reference map"
-    assert archive_kind(drive / "drive.npz") is None and archive_kind(drive / "none") is None
+    assert archive_kind(drive / "query.npz") is None and archive_kind(drive / "none") is None
 
 
-@pytest.mark.parametrize(("flag", "value"), [("-L", "100000"), ("--tau", "1900ms")])
-def test_a_map_that_nothing_matches_is_not_written(drive, tmp_path, capsys, flag, value):
-    """Its sequences are longer than the drive, or there is one place."""
-    words = ["map", drive / "drive.npz", "-o", tmp_path / "map.npz", *SMALL, flag, value]
-    words += ["--strategy", "random"]
-    assert "does not fit the" in refused(capsys, *words)
+@pytest.mark.parametrize(
+    ("flags", "says"),
+    [
+        (["-L", "100000", "--strategy", "random"], "does not fit the"),
+        (["--tau", "1900ms", "--strategy", "random"], "does not fit the"),  # one place
+        (["--tau", "1900ms"], "the drive holds one window of 1.9 s, and pixels"),  # do not vary
+    ],
+)
+def test_a_map_that_nothing_matches_is_not_written(drive, tmp_path, refused, flags, says):
+    words = ["map", drive / "reference.npz", "-o", tmp_path / "map.npz", *SMALL, *flags]
+    assert says in refused(*words)
     assert list(tmp_path.iterdir()) == []
 
 
@@ -213,68 +188,51 @@ def test_a_map_that_nothing_matches_is_not_written(drive, tmp_path, capsys, flag
         (["--matching", "sequence", "--filter-restart", "2"], "it is for --matching filter"),
     ],
 )
-def test_a_flag_that_other_settings_make_void_is_a_warning(drive, tmp_path, capsys, flags, says):
-    words = ["map", str(drive / "drive.npz"), "-o", str(tmp_path / "map.npz"), "--tau", "100ms"]
-    words += ["--pixels", "5", "--strategy", "random"]
-    assert cli.main(words) == 0
-    assert "no effect" not in capsys.readouterr().err
-    assert cli.main([*words, *flags, "--overwrite"]) == 0
-    err = capsys.readouterr().err
+def test_a_flag_that_other_settings_make_void_is_a_warning(drive, tmp_path, run, flags, says):
+    words = ["map", drive / "reference.npz", "-o", tmp_path / "map.npz", "--tau", "100ms"]
+    words += ["--pixels", 5, "--strategy", "random"]
+    assert "no effect" not in run(*words).err
+    err = run(*words, *flags, "--overwrite").err
     assert "edge-vpr: warning: " in err and says in err
-    match = ["match", str(tmp_path / "map.npz"), str(drive / "drive.npz"), "--no-figures"]
-    assert cli.main([*match, "-o", str(tmp_path / "a"), "--matching", "filter", "-L", "3"]) == 0
-    assert "--sequence-length has no effect" in capsys.readouterr().err
-    assert cli.main([*match, "-o", str(tmp_path / "b"), "--no-smooth"]) == 0
-    assert "no effect" not in capsys.readouterr().err
+    match = ["match", tmp_path / "map.npz", drive / "reference.npz", "--no-figures", "-o"]
+    said = run(*match, tmp_path / "a", "--matching", "filter", "-L", 3).err
+    assert "--sequence-length has no effect" in said
+    assert "no effect" not in run(*match, tmp_path / "b", "--no-smooth").err
 
 
-def test_pixels_do_not_vary_over_one_window(drive, tmp_path, capsys):
-    words = ["map", drive / "drive.npz", "-o", tmp_path / "map.npz", "--tau", "1900ms"]
-    assert "the drive holds one window of 1.9 s, and pixels" in refused(capsys, *words)
-    assert list(tmp_path.iterdir()) == []
-
-
-def test_a_truth_that_lacks_something_says_what(drive, tmp_path, capsys):
+def test_a_truth_that_lacks_something_says_what(drive, tmp_path, run, refused):
     """An alignment in frames their length, and one track the other."""
-    results, truth = tmp_path / "results", tmp_path / "truth.csv"
-    match = ["match", str(drive / "map.npz"), str(drive / "drive.npz"), "-o", str(results)]
-    assert cli.main([*match, "--no-figures"]) == 0
+    truth = tmp_path / "truth.csv"
     truth.write_text("query_frame,reference_frame\n0,0\n1000,1000\n")
-    words = ["evaluate", results, "--tolerance", "2", "--ground-truth"]
-    assert "--frame-period 1/30" in refused(capsys, *words, truth)
-    assert "a.nmea is one track: give two" in refused(capsys, *words, "a.nmea")
-    tracks = ["evaluate", results, "--ground-truth", "a.nmea", "b.nmea", "--tolerance"]
-    assert "2s is of an alignment" in refused(capsys, *tracks, "2s")
-    assert "give numbers such as 70" in refused(capsys, *tracks, "2", "3s")
+    evaluate = ["evaluate", drive / "results", "--ground-truth"]
+    words = [*evaluate, truth, "--tolerance", 2]
+    assert "--frame-period 1/30" in refused(*words)
+    assert "a.nmea is one track: give two" in refused(*evaluate, "a.nmea", "--tolerance", 2)
+    tracks = [*evaluate, "a.nmea", "b.nmea", "--tolerance"]
+    assert "2s is of an alignment" in refused(*tracks, "2s")
+    assert "give numbers such as 70" in refused(*tracks, 2, "3s")
     truth.write_text("time_s,position_m\n0,0\n1000,1000\n")
-    assert cli.main([*map(str, words), str(truth)]) == 1
-    assert "of tracks give two, the reference's" in capsys.readouterr().err
+    assert "of tracks give two, the reference's" in run(*words, code=1).err
 
 
-def test_what_was_removed_as_bursts_is_told(tmp_path, capsys):
+def test_what_was_removed_as_bursts_is_told(tmp_path, run):
     """Half of the events are of moments when every pixel fires."""
-    rng = np.random.default_rng(0)
-    scene = random_events(rng, 4_000, SENSOR, 2_000_000)
+    scene = random_events(np.random.default_rng(0), 4_000, SENSOR, 2_000_000)
     y, x = np.divmod(np.arange(SENSOR.pixels), SENSOR.width)
     flashes = [
         make_events(np.full(x.size, t), x, y, np.ones(x.size)) for t in range(0, 2_000_000, 100_000)
     ]
     events = join_events([scene, *flashes])
-    write_recording(
-        tmp_path / "a.npz", [events[np.argsort(events["t"], kind="stable")]], sensor=SENSOR
-    )
-    words = ["map", str(tmp_path / "a.npz"), "-o", str(tmp_path / "m.npz"), *SMALL]
-    assert cli.main(words) == 0
-    out, err = capsys.readouterr()
+    events = events[np.argsort(events["t"], kind="stable")]
+    write_recording(tmp_path / "a.npz", [events], sensor=SENSOR)
+    words = ["map", tmp_path / "a.npz", "-o", tmp_path / "m.npz", *SMALL]
+    out, err = run(*words)
     assert re.search(r"\(5\d\.\d%\) removed as bursts", out) and "warning" not in err
     encoder = open_encoder("evpr", SENSOR)
-    sent = encoder.encode(events[np.argsort(events["t"], kind="stable")])
-    (tmp_path / "sent.bin").write_bytes(encoder.start() + sent)
-    words_of_stream = ["--protocol", "evpr", "--map", str(tmp_path / "m.npz"), "--once"]
-    assert cli.main(["stream", "--port", str(tmp_path / "sent.bin"), *words_of_stream]) == 0
-    assert "events removed as bursts" in "".join(capsys.readouterr())
-    assert cli.main([*words, "--bursts", "keep", "--overwrite"]) == 0
-    out, err = capsys.readouterr()
+    (tmp_path / "sent.bin").write_bytes(encoder.start() + encoder.encode(events))
+    stream = ["stream", "--port", tmp_path / "sent.bin", "--protocol", "evpr", "--once"]
+    assert "events removed as bursts" in "".join(run(*stream, "--map", tmp_path / "m.npz"))
+    out, err = run(*words, "--bursts", "keep", "--overwrite")
     assert "bursts kept" in out and err == ""
 
 
@@ -335,9 +293,8 @@ def test_an_interrupt_at_any_time_is_not_lost(drive, tmp_path):
         "import signal, sys; signal.signal(signal.SIGINT, signal.default_int_handler); "
         "from edge_vpr_tools.cli import main; print('begun', flush=True); sys.exit(main())"
     )
-    out = tmp_path / "out.npz"
-    words = [sys.executable, "-c", listening, "map", str(drive / "drive.npz"), *SMALL]
-    words += ["--overwrite", "-o", str(out)]
+    words = [sys.executable, "-c", listening, "map", drive / "reference.npz", *SMALL]
+    words += ["--overwrite", "-o", tmp_path / "out.npz"]
     begin = time.monotonic()
     assert subprocess.run(words, capture_output=True).returncode == 0
     whole_s = time.monotonic() - begin
@@ -361,12 +318,11 @@ def test_an_interrupt_at_any_time_is_not_lost(drive, tmp_path):
 @pytest.mark.parametrize("closed", ["<&-", ">&-", "2>&-", "<&- >&- 2>&-"])
 def test_a_command_whose_streams_are_closed_runs_to_its_end(drive, tmp_path, closed):
     """And none of its files gets the number of a stream, into which others print."""
-    copied = tmp_path / "copied.npz"
-    for words in (["info", drive / "drive.npz"], ["convert", drive / "drive.npz", copied]):
+    recording, copied = drive / "reference.npz", tmp_path / "copied.npz"
+    for words in (["info", recording], ["convert", recording, copied]):
         line = shlex.join(map(str, [sys.executable, "-m", "edge_vpr_tools.cli", *words]))
         done = subprocess.run(f"{line} {closed}", shell=True, capture_output=True, text=True)
-        assert done.returncode == 0, done.stderr
-        assert done.stderr == ""
+        assert (done.returncode, done.stderr) == (0, "")
     assert len(np.load(copied)["events"]) == 4_000
 
 
@@ -376,27 +332,26 @@ def test_a_terminal_that_is_not_utf_8_ends_no_command(tmp_path, encoding):
     variables = {"PYTHONIOENCODING": encoding}
     if encoding == "LC_ALL=C":
         variables = {"LC_ALL": "C", "PYTHONUTF8": "0", "PYTHONCOERCECLOCALE": "0"}
+    environment = os.environ | variables
     code = (
         "import sys; from edge_vpr_tools import cli, console\n"
         "cli.run = lambda argv: (print('5 \\u00b5s \\u00b1 1 \\u65e5'), console.note(argv[0]))\n"
         "sys.exit(cli.main(['\\u65e5 \\u00b5']))"
     )
-    done = subprocess.run(
-        [sys.executable, "-c", code], capture_output=True, env=os.environ | variables
-    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, env=environment)
     assert done.returncode == 0, done.stderr
     assert done.stdout.startswith(b"5 ") and b"internal" not in done.stderr
     if encoding in ("ascii", "LC_ALL=C"):
         assert done.stdout == b"5 \\xb5s \\xb1 1 \\u65e5\n"
         assert done.stderr == b"edge-vpr: \\u65e5 \\xb5\n"
-    words = [sys.executable, "-m", "edge_vpr_tools.cli", "info", str(tmp_path / "\u65e5\u00b5.npz")]
-    done = subprocess.run(words, capture_output=True, env=os.environ | variables)
+    words = [sys.executable, "-m", "edge_vpr_tools.cli", "info", tmp_path / "\u65e5\u00b5.npz"]
+    done = subprocess.run(words, capture_output=True, env=environment)
     assert done.returncode == 1
     assert done.stderr.count(b"\n") == 1 and b"does not exist" in done.stderr
 
 
 @pytest.mark.parametrize("kind", ["device", "pipe"])
-def test_a_recording_is_a_file_or_a_folder(tmp_path, capsys, kind):
+def test_a_recording_is_a_file_or_a_folder(tmp_path, refused, kind):
     """A device has no end, and a pipe cannot be read twice."""
     path = "/dev/zero"
     if kind == "pipe":
@@ -405,28 +360,24 @@ def test_a_recording_is_a_file_or_a_folder(tmp_path, capsys, kind):
     bag = tmp_path / "bag"
     bag.mkdir()
     (bag / "metadata.yaml").symlink_to(path)
-    for read in (
-        lambda: open_recording(path, sensor=SENSOR, format="evt3"),
-        lambda: open_recording(path),
-        lambda: open_recording(bag),
-    ):
+    for file, how in ((path, {"sensor": SENSOR, "format": "evt3"}), (path, {}), (bag, {})):
         with pytest.raises(EdgeVprError, match="is neither a file nor a folder: "):
-            read()
-    assert cli.main(["info", str(path)]) == 1
-    assert capsys.readouterr().err.count("\n") == 1
+            open_recording(file, **how)
+    refused("info", path, code=1)
 
 
 def test_names_of_outputs_reach_no_terminal_raw(drive, tmp_path, capsys):
     """Nor do they mark text up, or feed lines of their own."""
-    folder = tmp_path / "a\x1b[2J\n[bold]"
+    folder, truth = tmp_path / "a\x1b[2J\n[bold]", tmp_path / "truth.csv"
     folder.mkdir()
-    words = ["map", str(drive / "drive.npz"), "-o", str(folder / "m\x07.npz"), *SMALL]
-    assert cli.main(words) == 0
-    match = ["match", str(folder / "m\x07.npz"), str(drive / "drive.npz"), "--no-figures"]
-    assert cli.main([*match, "-o", str(folder / "r\x9b")]) == 0
-    (tmp_path / "truth.csv").write_text("query_s,reference_s\n0,0\n2,2\n")
-    evaluate = ["evaluate", str(folder / "r\x9b"), "--ground-truth", str(tmp_path / "truth.csv")]
-    assert cli.main([*evaluate, "--tolerance", "0.2"]) == 0
+    truth.write_text("query_s,reference_s\n0,0\n2,2\n")
+    mapped, results, query = folder / "m\x07.npz", folder / "r\x9b", drive / "query.npz"
+    for words in (
+        ["map", drive / "reference.npz", "-o", mapped, *SMALL],
+        ["match", mapped, query, "--no-figures", "-o", results],
+        ["evaluate", results, "--ground-truth", truth, "--tolerance", 0.2],
+    ):
+        assert cli.main([str(word) for word in words]) == 0
     console.table([str(folder)], [["[/red]\x1b[0m"]], title=str(folder))
     console.say(str(folder))
     out, err = capsys.readouterr()
@@ -436,14 +387,14 @@ def test_names_of_outputs_reach_no_terminal_raw(drive, tmp_path, capsys):
     assert r"r\x9b/report.html" in out and r"[/red]\x1b[0m" in out
 
 
-@pytest.mark.parametrize("words", [["info", "NAME.npz"], ["map", "a.npz", "-o", "NAME.npz"]])
-def test_a_name_that_is_too_long_is_one_line(words, tmp_path, monkeypatch, capsys):
+@pytest.mark.parametrize(
+    ("words", "code"), [(["info", "NAME.npz"], 2), (["map", "a.npz", "-o", "NAME.npz"], 1)]
+)
+def test_a_name_that_is_too_long_is_one_line(words, code, tmp_path, monkeypatch, refused):
     """Of 256 bytes, one more than Linux has, which are 128 letters here."""
     monkeypatch.chdir(tmp_path)
     name = "\u00e9" * 126
-    code = cli.main([word.replace("NAME", name) for word in words])
-    said = capsys.readouterr().err
-    assert code in (1, 2) and said.count("\n") == 1
+    said = refused(*[word.replace("NAME", name) for word in words], code=code)
     assert re.search(
         r"name of 256 bytes, .*: expected at most 255|too long.*name a shorter one", said
     )
@@ -454,10 +405,10 @@ def test_a_name_that_is_too_long_is_one_line(words, tmp_path, monkeypatch, capsy
 def test_the_hint_to_install_an_extra_works_from_here(monkeypatch):
     """And leaves this checkout installed, not a copy that later changes do not reach."""
     root = str(edge_vpr.__path__[0]).removesuffix("/edge_vpr")
-    monkeypatch.chdir("/")
-    assert str(MissingExtraError("x", "y", "parquet")).endswith(f"pip install -e '{root}[parquet]'")
-    monkeypatch.chdir(root)
-    assert str(MissingExtraError("x", "y", "parquet")).endswith("pip install -e '.[parquet]'")
+    for folder, target in (("/", root), (root, ".")):
+        monkeypatch.chdir(folder)
+        said = str(MissingExtraError("x", "y", "parquet"))
+        assert said.endswith(f"pip install -e '{target}[parquet]'")
 
 
 def test_the_hint_names_an_extras_libraries_if_the_checkout_that_was_installed_is_gone(
@@ -490,10 +441,8 @@ def completions(line, tmp_path):
 
 def test_completion_offers_verbs_flags_and_choices(tmp_path):
     assert {"map", "match"} <= completions("edge-vpr ma", tmp_path)
-    flags = {
-        "--pixels", "--pixel-map", "--places-per-window", "--precision", "--preset"
-    }  # fmt: skip
-    assert flags == completions("edge-vpr map --p", tmp_path)
+    flags = "--pixels --pixel-map --places-per-window --precision --preset"
+    assert set(flags.split()) == completions("edge-vpr map --p", tmp_path)
     assert {"variance"} == completions("edge-vpr map --strategy v", tmp_path)
     assert {"evpr", "evt3", "aer"} <= completions("edge-vpr stream --protocol ", tmp_path)
     assert {"edvs"} == completions("edge-vpr bridge --protocol ed", tmp_path)
@@ -506,23 +455,23 @@ def test_the_tree_for_completion_has_every_verb():
         completion_parser(verb)
 
 
-def test_golden_overwrites_vectors_and_nothing_else(tmp_path, capsys, monkeypatch):
+def test_golden_overwrites_vectors_and_nothing_else(tmp_path, run, refused, monkeypatch):
     from firmware_model import Design
 
     monkeypatch.setattr("firmware_model.vectors.standard_suites", lambda *unused: {})
     Design(width=16, height=12, pixels=3, places=4, length=2).save(tmp_path / "design.toml")
-    vectors = tmp_path / "vectors"
-    words = ["golden", "--design", str(tmp_path / "design.toml"), "-o", str(vectors)]
-    assert cli.main(words) == 0
-    assert "add --overwrite" in refused(capsys, *words)
-    assert cli.main([*words, "--overwrite"]) == 0
+    vectors, other = tmp_path / "vectors", tmp_path / "other"
+    words = ["golden", "--design", tmp_path / "design.toml", "-o"]
+    run(*words, vectors)
+    assert "add --overwrite" in refused(*words, vectors)
+    run(*words, vectors, "--overwrite")
     (vectors / "notes.txt").write_text("mine")
-    assert "also holds notes.txt" in refused(capsys, *words, "--overwrite")
+    assert "also holds notes.txt" in refused(*words, vectors, "--overwrite")
     assert (vectors / "notes.txt").read_text() == "mine"
-    (tmp_path / "other").mkdir()
-    (tmp_path / "other" / "a").write_text("")
-    assert cli.main([*words[:-1], str(tmp_path / "other"), "--overwrite"]) == 2
-    assert (tmp_path / "other" / "a").exists()
+    other.mkdir()
+    (other / "a").write_text("")
+    refused(*words, other, "--overwrite")
+    assert (other / "a").exists()
 
 
 def test_results_are_shown_in_one_short_line(drive):
@@ -530,7 +479,7 @@ def test_results_are_shown_in_one_short_line(drive):
     reference = edge_vpr.ReferenceMap.load(drive / "map.npz")
     assert repr(reference) == "ReferenceMap(19 places, 5 pixels of 16x12, 8 bits a counter)"
     assert repr(reference.pixel_map) == "PixelMap(5 pixels of 16x12)"
-    recording = edge_vpr.open_recording(drive / "drive.npz")
+    recording = edge_vpr.open_recording(drive / "reference.npz")
     matches = reference.match(recording).matches
     assert repr(matches) == "Matches(18 queries, 19 places, L = 2, 0 tied)"
     truth = edge_vpr.from_matrix(np.eye(19, dtype=np.uint8), 19, 19, rows="reference")
@@ -538,30 +487,25 @@ def test_results_are_shown_in_one_short_line(drive):
     assert repr(evaluation) == "Evaluation(18 queries, P@100R 1.000, R@99P 1.000)"
 
 
-def test_a_message_names_arguments_in_python_and_flags_on_the_command_line(tmp_path, capsys):
+@pytest.mark.parametrize(
+    ("how", "flags", "in_python", "on_the_line"),
+    [
+        ({}, [], "pass sensor=, for example sensor='346x260'", "--sensor 346x260"),
+        (
+            {"sensor": "4x4"}, ["--sensor", "4x4"],
+            "read with on_fault='drop'", "read with --on-fault drop",
+        ),
+    ],
+)  # fmt: skip
+def test_a_message_names_arguments_in_python_and_flags_on_the_command_line(
+    how, flags, in_python, on_the_line, tmp_path, run
+):
     drive = tmp_path / "start=3 drive.csv"
     drive.write_text("t,x,y,p\n5,0,0,1\n1,0,0,1\n9,0,0,1\n")
-    there = tmp_path / "there.npz"
-    there.write_text("mine")
-    said = {
-        ("convert", drive, tmp_path / "a.npz"): (
-            "pass sensor=, for example sensor='346x260'",
-            "--sensor 346x260",
-        ),
-        ("convert", drive, tmp_path / "b.npz", "--sensor", "4x4"): (
-            "read with on_fault='drop'",
-            "read with --on-fault drop",
-        ),
-        ("convert", drive, there, "--sensor", "4x4", "--on-fault", "drop"): ("", "--overwrite"),
-    }
-    for words, (in_python, on_the_line) in said.items():
-        assert cli.main([str(word) for word in words]) != 0
-        shown = capsys.readouterr().err
-        assert on_the_line in shown
-        assert "/start=3 drive.csv" in shown or str(there) in shown
-        if in_python:
-            with pytest.raises(EdgeVprError, match=re.escape(in_python)):
-                list(edge_vpr.open_recording(drive, sensor="4x4" if "--sensor" in words else None))
+    shown = run("convert", drive, tmp_path / "a.npz", *flags, code=1 if flags else 2).err
+    assert on_the_line in shown and "/start=3 drive.csv" in shown
+    with pytest.raises(EdgeVprError, match=re.escape(in_python)):
+        list(open_recording(drive, **how))
 
 
 @pytest.mark.parametrize(

@@ -13,60 +13,42 @@ import numpy as np
 import pytest
 from edge_vpr_tools.cli import main
 
-from edge_vpr.archive import write_archive
 from edge_vpr.errors import UsageError
-from edge_vpr.events import Sensor, join_events
+from edge_vpr.events import join_events
 from edge_vpr.match_result import MatchResult
 from edge_vpr.matching.matches import Matches
-from edge_vpr.recordings import Recording, open_recording, write_recording
+from edge_vpr.recordings import Recording, open_recording
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.simulation import simulate_pair
-from tests.streams import random_events, write_drives
+from tests.tools.conftest import SMALL
 
-SENSOR = Sensor(16, 12)
-SMALL = ["--preset", "paper", "--pixels", "5", "--sigma", "1", "--tau", "100ms", "-L", "2"]
-
-
-@pytest.fixture(scope="module")
-def drive(tmp_path_factory):
-    """A folder with two drives, a map and matches."""
-    folder = tmp_path_factory.mktemp("drive")
-    write_drives(folder, 4_000, SENSOR, 2_000_000)
-    assert main(["map", str(folder / "reference.npz"), "-o", str(folder / "map.npz"), *SMALL]) == 0
-    match = ["match", str(folder / "map.npz"), str(folder / "query.npz")]
-    assert main([*match, "-o", str(folder / "results")]) == 0
-    return folder
+#: with the settings of a robot
+FEW = ("--pixels", 5, "--sigma", 1, "--tau", "100ms")
 
 
-def call(capsys, *arguments):
-    """Exit code and the lines on standard error."""
-    code = main([str(argument) for argument in arguments])
-    return code, capsys.readouterr().err.strip().splitlines()
+@pytest.fixture
+def results(drive, tmp_path):
+    """A folder of matches that a test may change."""
+    return shutil.copytree(drive / "results", tmp_path / "results")
 
 
-def refused(capsys, *arguments, code, says):
-    """Check for one line on standard error that says what is wrong."""
-    ended, lines = call(capsys, *arguments)
-    assert ended == code, lines
-    assert len(lines) == 1
-    assert says in lines[0]
-    assert lines[0].startswith("edge-vpr: error: ")
+def line_track(path, seconds, metres, begin=0.0):
+    """A table of a drive along a line."""
+    rows = [f"{begin + i / 10},{metres * i / (10 * seconds)}" for i in range(10 * seconds + 1)]
+    path.write_text("\n".join(["time_s,position_m", *rows]) + "\n")
+    return path
+
+
+def names_in(folder):
+    return {path.name for path in folder.iterdir()}
 
 
 def test_match_leaves_a_folder_that_explains_itself(drive):
     results = drive / "results"
-    assert {path.name for path in results.iterdir()} == {
-        "map.npz",
-        "matches.npz",
-        "matches.csv",
-        "queries.npz",
-        "run.json",
-        "metrics.json",
-        "report.html",
-        "matches.svg",
-        "distance_matrix.svg",
-        "pixels.svg",
-    }
+    files = "map.npz matches.npz matches.csv queries.npz run.json metrics.json report.html"
+    assert names_in(results) == {
+        *files.split(), "matches.svg", "distance_matrix.svg", "pixels.svg"
+    }  # fmt: skip
     run = json.loads((results / "run.json").read_text())
     assert run["settings"]["pixels"] == 5
     assert [len(file["sha256"]) for file in run["inputs"]] == [64, 64]
@@ -76,15 +58,14 @@ def test_match_leaves_a_folder_that_explains_itself(drive):
     assert "href=" not in re.sub('href="(#|data:image/png;base64,)', "", page)
 
 
-def test_a_folder_of_results_in_place_of_a_recording_names_its_recording(drive, tmp_path, capsys):
-    results, out = tmp_path / "results", tmp_path / "out.npz"
-    shutil.copytree(drive / "results", results)
+def test_a_folder_of_results_in_place_of_a_recording_names_its_recording(drive, results, refused):
+    words = ["map", results, "-o", results.parent / "out.npz"]
     says = f"results of {drive / 'map.npz'}, {drive / 'query.npz'}: name the recording among them"
-    refused(capsys, "map", results, "-o", out, code=1, says=says)
+    assert says in refused(*words, code=1)
     run = json.loads((results / "run.json").read_text())
     (results / "run.json").write_text(json.dumps(run | {"inputs": []}))  # as of the demo
     (results / "figure.png").touch()
-    refused(capsys, "map", results, "-o", out, code=1, says="of edge-vpr simulate -o street")
+    assert "of edge-vpr simulate -o street" in refused(*words, code=1)
 
 
 def test_the_drive_of_the_demo_is_that_of_simulate(tmp_path, monkeypatch):
@@ -104,39 +85,16 @@ def test_the_drive_of_the_demo_is_that_of_simulate(tmp_path, monkeypatch):
     assert simulated == demo
 
 
-def test_settings_lie_flags_over_file_over_preset(drive, tmp_path):
-    config = tmp_path / "settings.toml"
-    config.write_text('preset = "tiny"\nsigma = 1.0\ntau_us = 100000\nseed = 3\n')
-    output = tmp_path / "map.npz"
-    source = str(drive / "reference.npz")
-    flags = ["--config", str(config), "--seed", "4", "--strategy", "random"]
-    assert main(["map", source, "-o", str(output), *flags]) == 0
-    settings = ReferenceMap.load(output).settings
-    assert (settings.pixels, settings.seed, settings.strategy) == (25, 4, "random")
-
-
-def test_the_next_command_can_be_copied(drive, tmp_path, capsys):
+def test_the_next_command_can_be_copied(drive, tmp_path, run):
     folder = tmp_path / "drive of monday"
-    words = ["match", str(drive / "map.npz"), str(drive / "query.npz"), "-o", str(folder)]
-    assert main(words) == 0
-    printed = capsys.readouterr().out.rpartition("next, compare with the truth: ")[2]
+    printed = run("match", drive / "map.npz", drive / "query.npz", "-o", folder).out
     truth = ["--ground-truth", "MAP_TRACK", "QUERY_TRACK", "--tolerance", "METRES"]
-    assert shlex.split(printed) == ["edge-vpr", "evaluate", str(folder), *truth]
-
-
-def test_evaluate_adds_figures_and_metrics(drive, tmp_path, capsys):
-    matrix = np.eye(19, 19, dtype=np.uint8)
-    np.save(tmp_path / "truth.npy", matrix)
-    arguments = ["evaluate", drive / "results", "--ground-truth", tmp_path / "truth.npy"]
-    assert main([*map(str, arguments), "--rows", "reference"]) == 0
-    assert "P@100R" in capsys.readouterr().out
-    metrics = json.loads((drive / "results" / "metrics.json").read_text())
-    assert metrics["evaluation"]["queries"] == 18
-    assert (drive / "results" / "precision_recall.svg").is_file()
+    copied = shlex.split(printed.rpartition("next, compare with the truth: ")[2])
+    assert copied == ["edge-vpr", "evaluate", str(folder), *truth]
 
 
 @pytest.mark.parametrize("more", [[], ["--online"], ["--online", "--every", "window"]])
-def test_a_match_reads_its_recording_once(drive, tmp_path, monkeypatch, more):
+def test_a_match_reads_its_recording_once(drive, tmp_path, monkeypatch, more, run):
     """Also for its report, which shows the windows of a match event by event."""
     read, passes = Recording.__iter__, []
 
@@ -145,8 +103,7 @@ def test_a_match_reads_its_recording_once(drive, tmp_path, monkeypatch, more):
         return read(recording)
 
     monkeypatch.setattr(Recording, "__iter__", noted)
-    arguments = ["match", str(drive / "map.npz"), str(drive / "query.npz"), *more]
-    assert main([*arguments, "-o", str(tmp_path / "results")]) == 0
+    run("match", drive / "map.npz", drive / "query.npz", *more, "-o", tmp_path / "results")
     assert passes == [drive / "query.npz"]
     assert (tmp_path / "results/report.html").is_file()
     if more:
@@ -155,23 +112,13 @@ def test_a_match_reads_its_recording_once(drive, tmp_path, monkeypatch, more):
 
 
 @pytest.mark.parametrize("every", ["event", "7", "30ms", "window", "change"])
-def test_matches_online_say_what_the_localiser_says(drive, tmp_path, every):
-    arguments = ["match", str(drive / "map.npz"), str(drive / "query.npz"), "--online"]
+def test_matches_online_say_what_the_localiser_says(drive, tmp_path, every, run):
     output = tmp_path / "results"
-    assert main([*arguments, "--every", every, "--exclusion", "1", "-o", str(output)]) == 0
-    assert {path.name for path in output.iterdir()} == {
-        "map.npz",
-        "matches.npz",
-        "matches.csv",
-        "matches.svg",
-        "pixels.svg",
-        "report.html",
-        "run.json",
-        "metrics.json",
-        "windows.npz",
-    }
-    matches = Matches.load(output / "matches.npz")
-    place = matches.place
+    words = ["match", drive / "map.npz", drive / "query.npz", "--online", "--every", every]
+    run(*words, "--exclusion", 1, "-o", output)
+    files = "map.npz matches.npz matches.csv matches.svg pixels.svg report.html run.json"
+    assert names_in(output) == {*files.split(), "metrics.json", "windows.npz"}
+    place = Matches.load(output / "matches.npz").place
     header, *lines = (output / "matches.csv").read_text().splitlines()
     assert header == (drive / "results" / "matches.csv").read_text().splitlines()[0]
     assert [int(line.split(",")[2]) for line in lines] == place.tolist()
@@ -205,45 +152,32 @@ MAP = "map {d}/reference.npz -o {t}/map.npz"
         ("evaluate {d}/results --ground-truth x.npy", 2, "whether its rows are reference or query"),
     ],
 )
-def test_wrong_use_is_one_line_and_leaves_nothing(line, code, says, drive, capsys, tmp_path):
-    refused(capsys, *line.format(d=drive, t=tmp_path).split(), code=code, says=says)
+def test_wrong_use_is_one_line_and_leaves_nothing(line, code, says, drive, refused, tmp_path):
+    assert says in refused(*line.format(d=drive, t=tmp_path).split(), code=code)
     assert not list(tmp_path.iterdir())
 
 
-def test_an_unreadable_recording_and_an_unknown_format(capsys, tmp_path):
-    (tmp_path / "broken.npz").write_bytes(b"PK broken")
-    (tmp_path / "drive.xyz").write_bytes(b"what is this?")
-    for name in ("broken.npz", "drive.xyz"):
-        arguments = ("map", tmp_path / name, "-o", tmp_path / "map.npz")
-        code, lines = call(capsys, *arguments)
-        assert code in (1, 2)
-        assert len(lines) == 1
-        assert name in lines[0]
+@pytest.mark.parametrize(
+    ("name", "text"), [("broken.npz", "PK broken"), ("drive.xyz", "what is this?")]
+)
+def test_a_recording_that_cannot_be_read_is_named(name, text, refused, tmp_path):
+    (tmp_path / name).write_text(text)
+    assert name in refused("map", tmp_path / name, "-o", tmp_path / "map.npz", code=1)
 
 
-def test_a_recording_of_another_camera(drive, capsys, tmp_path):
-    events = random_events(np.random.default_rng(0), 2_000, Sensor(20, 12), 2_000_000)
-    write_recording(tmp_path / "other.npz", [events], sensor=Sensor(20, 12))
-    arguments = ("match", drive / "map.npz", tmp_path / "other.npz", "-o", tmp_path / "results")
-    refused(capsys, *arguments, code=1, says="of a 20x12 sensor and the map of a 16x12 one")
-    assert not (tmp_path / "results").exists()
-
-
-def test_a_folder_that_is_not_ours_is_never_replaced(drive, capsys, tmp_path):
-    (tmp_path / "holiday.jpg").write_text("precious")
-    arguments = ("match", drive / "map.npz", drive / "query.npz", "-o", tmp_path, "--overwrite")
-    refused(capsys, *arguments, code=2, says="is not a folder of edge-vpr's results")
-    assert (tmp_path / "holiday.jpg").read_text() == "precious"
-
-
-def test_an_output_of_ours_is_replaced_when_told(drive, tmp_path):
-    arguments = ["match", str(drive / "map.npz"), str(drive / "query.npz"), "-o"]
-    arguments += [str(tmp_path / "results"), "--no-figures"]
-    assert main(arguments) == 0
+def test_only_a_folder_of_our_results_is_replaced_when_told(drive, tmp_path, run, refused):
+    words = ["match", drive / "map.npz", drive / "query.npz", "--no-figures", "-o"]
+    run(*words, tmp_path / "results")
     (tmp_path / "results" / "stale.png").write_text("")
-    assert main([*arguments, "--overwrite"]) == 0
+    run(*words, tmp_path / "results", "--overwrite")
     assert not (tmp_path / "results" / "stale.png").exists()
-    assert [path.name for path in tmp_path.iterdir()] == ["results"]
+    assert names_in(tmp_path) == {"results"}
+    (tmp_path / "results" / "mine").mkdir()
+    assert "also holds 'mine'" in refused(*words, tmp_path / "results", "--overwrite")
+    assert (tmp_path / "results" / "mine").is_dir()
+    (tmp_path / "holiday.jpg").write_text("precious")
+    assert "is not a folder of edge-vpr's results" in refused(*words, tmp_path, "--overwrite")
+    assert (tmp_path / "holiday.jpg").read_text() == "precious"
 
 
 @pytest.mark.parametrize(
@@ -258,7 +192,7 @@ def test_an_output_of_ours_is_replaced_when_told(drive, tmp_path):
     ],
     ids=lambda line: line.split()[0] + "-online" * ("--online" in line),
 )
-def test_of_two_runs_into_one_new_folder_one_wins(line, drive, capsys, tmp_path, monkeypatch):
+def test_of_two_runs_into_one_new_folder_one_wins(line, drive, run, tmp_path, monkeypatch):
     """The other run ends while this one waits for the disk, later than all checks of the flags."""
     sync, won = os.fsync, tmp_path / "new"
 
@@ -269,31 +203,16 @@ def test_of_two_runs_into_one_new_folder_one_wins(line, drive, capsys, tmp_path,
         sync(handle)
 
     monkeypatch.setattr(os, "fsync", other_ends)
-    code, lines = call(capsys, *line.format(d=drive).split(), "-o", won)
-    assert code == 2, lines
+    lines = run(*line.format(d=drive).split(), "-o", won, code=2).err.splitlines()
     assert sum(line.startswith("edge-vpr: error: ") for line in lines) == 1
     assert f"another run wrote {won} in the meantime" in lines[-1]
-    assert [path.name for path in tmp_path.iterdir()] == ["new"]
-    assert [path.name for path in won.iterdir()] == ["run.json"]
+    assert names_in(tmp_path) == {"new"} and names_in(won) == {"run.json"}
 
 
-def test_a_map_of_another_version(drive, capsys, tmp_path, monkeypatch):
-    monkeypatch.setattr("edge_vpr.archive.SCHEMA_VERSION", 99)
-    write_archive(tmp_path / "map.npz", "reference map", {}, {})
-    monkeypatch.undo()
-    arguments = ("match", tmp_path / "map.npz", drive / "query.npz", "-o", tmp_path / "results")
-    refused(capsys, *arguments, code=1, says="schema version 99 and this edge-vpr reads version")
-
-
-def test_an_interrupt_leaves_nothing_half_written(drive, capsys, tmp_path, monkeypatch):
-    def interrupt(*unused):
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr("edge_vpr.match_result.write_csv", interrupt)
-    arguments = ("match", drive / "map.npz", drive / "query.npz", "-o", tmp_path / "results")
-    code, lines = call(capsys, *arguments)
-    assert code == 130
-    assert "interrupted" in lines[0]
+def test_an_interrupt_leaves_nothing_half_written(drive, run, tmp_path, monkeypatch):
+    monkeypatch.setattr("edge_vpr.match_result.write_csv", Mock(side_effect=KeyboardInterrupt))
+    words = ["match", drive / "map.npz", drive / "query.npz", "-o", tmp_path / "results"]
+    assert "interrupted" in run(*words, code=130).err
     assert list(tmp_path.iterdir()) == []
 
 
@@ -309,37 +228,22 @@ NO_CACHE = RuntimeError("cannot cache function '_below': no locator available fo
     ],
 )
 def test_an_error_that_nobody_expected_is_one_line_and_debug_shows_the_trace(
-    drive, capsys, tmp_path, monkeypatch, error, says
+    drive, run, refused, tmp_path, monkeypatch, error, says
 ):
     monkeypatch.setattr("edge_vpr.match_result.write_csv", Mock(side_effect=error))
-    arguments = ("match", drive / "map.npz", drive / "query.npz", "-o", tmp_path / "results")
-    refused(capsys, *arguments, code=1, says=says)
-    _, lines = call(capsys, "--debug", *arguments)
-    assert any("Traceback" in line for line in lines)
-
-
-def test_a_file_of_somebody_else_in_a_results_folder_is_never_deleted(drive, capsys, tmp_path):
-    arguments = ["match", str(drive / "map.npz"), str(drive / "query.npz"), "-o"]
-    arguments += [str(tmp_path / "results"), "--no-figures"]
-    assert main(arguments) == 0
-    (tmp_path / "results" / "mine").mkdir()
-    refused(capsys, *arguments, "--overwrite", code=2, says="also holds 'mine'")
-    assert (tmp_path / "results" / "mine").is_dir()
+    words = ["match", drive / "map.npz", drive / "query.npz", "-o", tmp_path / "results"]
+    assert says in refused(*words, code=1)
+    assert "Traceback" in run("--debug", *words, code=1).err
 
 
 def test_matches_event_by_event_are_evaluated_by_the_same_command(
-    drive, capsys, tmp_path, monkeypatch
+    drive, run, tmp_path, monkeypatch
 ):
-    arguments = ["match", str(drive / "map.npz"), str(drive / "query.npz"), "--online"]
-    assert main([*arguments, "-o", str(tmp_path / "online")]) == 0
-    for name in ("reference", "query"):
-        (tmp_path / f"{name}.csv").write_text("time_s,position_m\n0,0\n1,10\n2,20\n")
-    tracks = [str(tmp_path / f"{name}.csv") for name in ("reference", "query")]
     folder = tmp_path / "online"
-    arguments = ["evaluate", str(folder), "--ground-truth", *tracks, "--tolerance", "2"]
-    arguments += ["--offset", "0", "0"]
-    assert main(arguments) == 0
-    assert "P@100R" in capsys.readouterr().out
+    run("match", drive / "map.npz", drive / "query.npz", "--online", "-o", folder)
+    tracks = [line_track(tmp_path / f"{name}.csv", 2, 20) for name in ("reference", "query")]
+    words = ["evaluate", folder, "--ground-truth", *tracks, "--tolerance", 2, "--offset", 0, 0]
+    assert "P@100R" in run(*words).out
     evaluation = json.loads((folder / "metrics.json").read_text())["evaluation"]
     matches = Matches.load(folder / "matches.npz")
     reference = ReferenceMap.load(folder / "map.npz")
@@ -352,261 +256,194 @@ def test_matches_event_by_event_are_evaluated_by_the_same_command(
     # of more matches than the truth has room for, some are evaluated, and it says how many
     room = len(matches) * len(reference) // 2
     monkeypatch.setattr("edge_vpr_tools.truth_files._MOST_CELLS", room)
-    assert main(arguments) == 0
-    evaluation = json.loads((folder / "metrics.json").read_text())["evaluation"]
     some = -(-len(matches) // 3)
-    says = f"edge-vpr: one match in 3 is evaluated: {some:,} of {len(matches):,}\n"
-    assert evaluation["queries"] == some and says in capsys.readouterr().err
+    assert f"one match in 3 is evaluated: {some:,} of {len(matches):,}\n" in run(*words).err
+    assert json.loads((folder / "metrics.json").read_text())["evaluation"]["queries"] == some
 
 
-def test_a_matrix_is_declared_by_its_rows_whatever_its_file(drive, tmp_path, capsys):
-    results = tmp_path / "results"
-    shutil.copytree(drive / "results", results)
+def test_a_matrix_is_declared_by_its_rows_whatever_its_file(results, tmp_path, run, refused):
     matrix = np.eye(19, dtype=np.uint8)
     np.save(tmp_path / "truth.npy", matrix)
     np.savetxt(tmp_path / "truth.csv", matrix, fmt="%d", delimiter=",")
     evaluations = []
     for name in ("truth.npy", "truth.csv"):
         words = ["evaluate", results, "--ground-truth", tmp_path / name]
-        assert main([*map(str, words), "--rows", "reference"]) == 0
+        assert "P@100R" in run(*words, "--rows", "reference").out
         evaluations.append(json.loads((results / "metrics.json").read_text())["evaluation"])
-    assert evaluations[0] == evaluations[1]
-    refused(capsys, *words, code=2, says="or of a matrix --rows")
-    refused(capsys, *words, "--tolerance", 1, code=1, says="and of a matrix its --rows")
+    assert evaluations[0] == evaluations[1] and evaluations[0]["queries"] == 18
+    assert (results / "precision_recall.svg").is_file()
+    assert "or of a matrix --rows" in refused(*words)
+    assert "and of a matrix its --rows" in refused(*words, "--tolerance", 1, code=1)
 
 
-def test_info_shows_how_a_track_fits_its_recording(drive, tmp_path, capsys):
+def test_info_shows_how_a_track_fits_its_recording(drive, tmp_path, run, refused):
     log = line_track(tmp_path / "log.csv", 1, 5, begin=100.5)
-    words = ["info", str(drive / "query.npz"), "--track", str(log), "--track-offset", "-100"]
-    assert main(words) == 0
-    said = capsys.readouterr().out
+    words = ["info", drive / "query.npz", "--track", log, "--track-offset", -100]
+    said = run(*words).out
     line = (
         r"^drive track  5 m from 0\.5 to 1\.5 s, 5 m/s in the mean and 5 m/s at most, longest gap "
     )
     assert re.search(line + r"0\.1 s; covers [45]\d\.\d% of the drive$", said, re.MULTILINE)
-    assert main([*words, "--json"]) == 0
-    facts = json.loads(capsys.readouterr().out)["facts"]
+    facts = json.loads(run(*words, "--json").out)["facts"]
     assert all(text in said for text in facts.values()) and len(facts) == 2
-    refused(capsys, "info", drive / "map.npz", "--track", log, code=2, says="--track is of a rec")
+    assert "--track is of a rec" in refused("info", drive / "map.npz", "--track", log)
 
 
-def test_map_shows_each_drive_and_its_track(drive, tmp_path, capsys):
+def test_map_shows_each_drive_and_its_track(drive, tmp_path, run):
     first, second = (line_track(tmp_path / f"{name}.csv", 2, 20) for name in "ab")
-    recordings = [str(drive / f"{name}.npz") for name in ("reference", "query")]
-    words = ["map", *recordings, "-o", str(tmp_path / "map.npz"), "--tau", "100ms", "--pixels", "5"]
-    words += ["--sigma", "1", "--track", str(first), "--track", str(second), "--same-route"]
-    assert main(words) == 0
-    said = capsys.readouterr().out
+    recordings = [drive / f"{name}.npz" for name in ("reference", "query")]
+    tracks = ["--track", first, "--track", second, "--same-route"]
+    said = run("map", *recordings, "-o", tmp_path / "map.npz", *FEW, *tracks).out
     for heading in ("drive", recordings[1]):
         assert re.search(f"^{heading} +[\\d,]+ events in ", said, re.MULTILINE)
         assert re.search(f"^{heading} track +20 m from 0.0 to 2.0 s, 10 m/s", said, re.MULTILINE)
 
 
 @pytest.mark.slow
-def test_by_default_the_place_filter_matches_offline_and_online_alike(drive, capsys, tmp_path):
-    flags = ["--pixels", "5", "--tau", "100ms", "--sigma", "1"]
-    mapped, query = str(tmp_path / "map.npz"), str(drive / "query.npz")
-    assert main(["map", str(drive / "reference.npz"), "-o", mapped, *flags]) == 0
+def test_by_default_the_place_filter_matches_offline_and_online_alike(drive, run, tmp_path):
+    mapped, whole, live = (tmp_path / name for name in ("map.npz", "whole", "live"))
+    run("map", drive / "reference.npz", "-o", mapped, *FEW)
     settings = ReferenceMap.load(mapped).settings
     assert (settings.matching, settings.counter_scaling) == ("filter", "contrast")
-    whole, live = tmp_path / "whole", tmp_path / "live"
-    assert main(["match", mapped, query, "-o", str(whole), "--no-smooth"]) == 0
-    arguments = ["match", mapped, query, "-o", str(live), "--online", "--every", "window"]
-    assert main(arguments) == 0
+    match = ["match", mapped, drive / "query.npz", "-o"]
+    run(*match, whole, "--no-smooth")
+    run(*match, live, "--online", "--every", "window")
     batch, online = (Matches.load(folder / "matches.npz") for folder in (whole, live))
     assert online.place.tolist()[: len(batch)] == batch.place.tolist()
     assert online.trust.tolist()[: len(batch)] == batch.trust.tolist()
-    record = json.loads((live / "run.json").read_text())
-    assert record["settings"]["smooth"] is False
-    truth = np.eye(batch.places_in_map, len(batch), dtype=np.uint8)
-    np.save(tmp_path / "truth.npy", truth)
-    arguments = ["evaluate", str(whole), "--ground-truth", str(tmp_path / "truth.npy")]
-    assert main([*arguments, "--rows", "reference"]) == 0
+    assert json.loads((live / "run.json").read_text())["settings"]["smooth"] is False
+    np.save(tmp_path / "truth.npy", np.eye(batch.places_in_map, len(batch), dtype=np.uint8))
+    run("evaluate", whole, "--ground-truth", tmp_path / "truth.npy", "--rows", "reference")
     metrics = json.loads((whole / "metrics.json").read_text())
     assert metrics["evaluation"]["score"] == "trust"
 
 
-def test_calibrating_says_what_it_learnt_from(drive, capsys, tmp_path):
-    flags = ["--pixels", "5", "--tau", "100ms", "--sigma", "1"]
-    mapped, query = str(tmp_path / "map.npz"), str(drive / "query.npz")
-    assert main(["map", str(drive / "reference.npz"), "-o", mapped, *flags]) == 0
-    (tmp_path / "track.csv").write_text("time_s,position_m\n0,0\n1,10\n2,20\n3,30\n")
-    truth = ["--ground-truth", *[str(tmp_path / "track.csv")] * 2, "--tolerance", "5"]
-    truth += ["--offset", "0", "0"]
+def test_calibrating_says_what_it_learnt_from(drive, run, refused, tmp_path):
+    mapped, track = tmp_path / "map.npz", tmp_path / "track.csv"
+    run("map", drive / "reference.npz", "-o", mapped, *FEW)
+    line_track(track, 3, 30)
     for every in ("window", "50ms"):
-        folder = str(tmp_path / every)
-        match = ["match", mapped, query, "--no-figures", "--online", "--every", every]
-        assert main([*match, "-o", folder]) == 0
-        assert main(["calibrate", folder]) == 2
-        assert f"run edge-vpr evaluate {folder} first" in capsys.readouterr().err
-        assert main(["evaluate", folder, *truth]) == 0
-        capsys.readouterr()
-        assert main(["calibrate", folder, "-o", folder + ".npz"]) == 0
-        assert re.search(
-            r"from \d+ matches, \d+ of them correct and 0 off the map", capsys.readouterr().out
-        )
+        folder = tmp_path / every
+        match = ["match", mapped, drive / "query.npz", "--no-figures", "--online"]
+        run(*match, "--every", every, "-o", folder)
+        assert f"run edge-vpr evaluate {folder} first" in refused("calibrate", folder)
+        truth = ["--ground-truth", track, track, "--tolerance", 5, "--offset", 0, 0]
+        run("evaluate", folder, *truth)
+        said = run("calibrate", folder, "-o", f"{folder}.npz").out
+        assert re.search(r"from \d+ matches, \d+ of them correct and 0 off the map", said)
     # a damaged file, or another truth than that of the evaluation, ends it before it saves
-    none, metrics = tmp_path / "none.npz", tmp_path / "50ms/metrics.json"
+    none, metrics = tmp_path / "none.npz", folder / "metrics.json"
     whole = metrics.read_text()
     metrics.write_text("{")
-    assert main(["calibrate", folder, "-o", str(none)]) == 2
+    refused("calibrate", folder, "-o", none)
     metrics.write_text(whole)
-    (tmp_path / "track.csv").write_text("time_s,position_m\n0,0\n3,30\n")
-    capsys.readouterr()
-    assert main(["calibrate", folder, "-o", str(none)]) == 2
-    assert "has moved or changed since the evaluation" in capsys.readouterr().err
+    track.write_text("time_s,position_m\n0,0\n3,30\n")
+    says = "has moved or changed since the evaluation"
+    assert says in refused("calibrate", folder, "-o", none)
     assert not none.exists()
 
 
-def test_a_map_says_that_its_places_are_at_half_windows(drive, tmp_path, capsys):
+@pytest.mark.parametrize("places_per_window", [2, 1])
+def test_a_map_says_that_its_places_are_at_half_windows(places_per_window, drive, tmp_path, run):
     """Where it is made, matched and reported."""
-    mapped, query, half = str(tmp_path / "map.npz"), str(drive / "query.npz"), "(at half windows)"
-    small = ["--tau", "100ms", "--pixels", "5"]
-    for words, shown in (([], True), (["--places-per-window", "1"], False)):
-        make = ["map", str(drive / "reference.npz"), "-o", mapped, "--overwrite", *small, *words]
-        assert main(make) == 0
-        assert (half in capsys.readouterr().out) == shown
-        out = tmp_path / str(shown)
-        assert main(["match", mapped, query, "-o", str(out), "--figures", "svg"]) == 0
-        assert (half in capsys.readouterr().out) == shown
-        assert (half in (out / "report.html").read_text()) == shown
-        label = "reference place, at half windows"
-        assert (label in (out / "distance_matrix.svg").read_text()) == shown
+    mapped, out, half = tmp_path / "map.npz", tmp_path / "out", "(at half windows)"
+    shown = places_per_window == 2
+    words = ["--tau", "100ms", "--pixels", 5, "--places-per-window", places_per_window]
+    assert (half in run("map", drive / "reference.npz", "-o", mapped, *words).out) == shown
+    words = ["match", mapped, drive / "query.npz", "-o", out, "--figures", "svg"]
+    assert (half in run(*words).out) == shown
+    assert (half in (out / "report.html").read_text()) == shown
+    label = "reference place, at half windows"
+    assert (label in (out / "distance_matrix.svg").read_text()) == shown
 
 
-@pytest.mark.parametrize("link", ["itself", "symbolic", "hard"])
 @pytest.mark.parametrize("command", ["map", "convert"])
-def test_no_command_writes_over_its_input_by_whatever_name(drive, tmp_path, capsys, command, link):
+def test_no_command_writes_over_its_input_by_another_name(drive, tmp_path, refused, command):
     source, output = tmp_path / "drive.npz", tmp_path / "other.npz"
-    before = (drive / "reference.npz").read_bytes()
-    source.write_bytes(before)
-    if link == "itself":
-        output = source
-    elif link == "symbolic":
-        output.symlink_to(source)
-    else:
-        output.hardlink_to(source)
-    arguments = [source, "-o", output, *SMALL] if command == "map" else [source, output]
-    refused(capsys, command, *arguments, "--overwrite", code=2, says="is the input")
-    assert source.read_bytes() == before
-
-
-def test_match_does_not_replace_the_folder_that_its_map_or_drive_lies_in(drive, tmp_path, capsys):
-    folder = tmp_path / "results"
-    shutil.copytree(drive / "results", folder)
-    shutil.copy(drive / "query.npz", folder)
-    for arguments in (
-        (folder / "map.npz", drive / "query.npz"),
-        (drive / "map.npz", folder / "query.npz"),
-    ):
-        for more in ([], ["--online"]):
-            refused(
-                capsys, "match", *arguments, "-o", folder, "--overwrite", *more,
-                code=2, says="holds the input",
-            )  # fmt: skip
-    assert (folder / "query.npz").is_file()
+    shutil.copy(drive / "reference.npz", source)
+    output.symlink_to(source)
+    words = [source, "-o", output, *SMALL] if command == "map" else [source, output]
+    assert "is the input" in refused(command, *words, "--overwrite")
+    assert source.read_bytes() == (drive / "reference.npz").read_bytes()
 
 
 @pytest.mark.parametrize("more", [[], ["--online"]])
-def test_a_damaged_map_is_an_error_and_not_a_crash(drive, tmp_path, capsys, more):
-    whole = bytearray((drive / "map.npz").read_bytes())
-    whole[len(whole) // 2] ^= 4
-    (tmp_path / "map.npz").write_bytes(whole)
-    refused(
-        capsys, "match", tmp_path / "map.npz", drive / "query.npz", "-o", tmp_path / "out", *more,
-        code=1, says="map.npz",
-    )  # fmt: skip
-    assert not (tmp_path / "out").exists()
-
-
-def line_track(path, seconds, metres, begin=0.0):
-    """A table of a drive along a line."""
-    rows = [f"{begin + i / 10},{metres * i / (10 * seconds)}" for i in range(10 * seconds + 1)]
-    path.write_text("\n".join(["time_s,position_m", *rows]) + "\n")
-    return path
+def test_match_does_not_replace_the_folder_that_its_map_or_drive_lies_in(
+    more, drive, results, refused
+):
+    shutil.copy(drive / "query.npz", results)
+    for inputs in (
+        (results / "map.npz", drive / "query.npz"),
+        (drive / "map.npz", results / "query.npz"),
+    ):
+        said = refused("match", *inputs, "-o", results, "--overwrite", *more)
+        assert "holds the input" in said
+    assert (results / "query.npz").is_file()
 
 
 @pytest.mark.slow
-def test_evaluate_shows_what_a_log_covers_and_sets_clocks_right(drive, tmp_path, capsys):
-    results = tmp_path / "results"
-    shutil.copytree(drive / "results", results)
+def test_evaluate_shows_what_a_log_covers_and_sets_clocks_right(results, tmp_path, run, refused):
     reference = line_track(tmp_path / "reference.csv", 2, 20)
     late = line_track(tmp_path / "late.csv", 2, 20, begin=1.0)
-    evaluate = ["evaluate", str(results), "--tolerance", "2", "--ground-truth", str(reference)]
-    assert main([*evaluate, str(late)]) == 0
-    said = capsys.readouterr().out
+    evaluate = ["evaluate", results, "--tolerance", 2, "--ground-truth", reference]
+    said = run(*evaluate, late).out
     assert re.search(r"query track +20 m from 1\.0 to 3\.0 s, .*; covers [45]\d\.\d% of the", said)
-    assert main([*evaluate, str(late), "--offset", "0", "-1"]) == 0
-    said = capsys.readouterr()
+    said = run(*evaluate, late, "--offset", 0, -1)
     assert said.err == "" and re.search(r"query track .*; covers 100\.0% of the drive", said.out)
-    refused(capsys, *evaluate, "--offset", 0, 5, code=2, says="give two tracks")
+    assert "give two tracks" in refused(*evaluate, "--offset", 0, 5)
 
 
-def test_one_log_for_both_drives_is_refused(drive, tmp_path, capsys):
+def test_one_log_for_both_drives_is_refused(results, tmp_path, run, refused):
     """By name, or a copy of it; with an offset it is one log of both."""
-    results = tmp_path / "results"
-    shutil.copytree(drive / "results", results)
     log = line_track(tmp_path / "log.csv", 2, 20)
     shutil.copy(log, tmp_path / "copy.csv")
-    evaluate = ["evaluate", str(results), "--tolerance", "2", "--ground-truth", str(log)]
+    evaluate = ["evaluate", results, "--tolerance", 2, "--ground-truth", log]
     for other in (log, tmp_path / "copy.csv"):
-        refused(capsys, *evaluate, other, code=2, says="both are the same log: name that of")
-    assert main([*evaluate, str(log), "--offset", "0", "0"]) == 0
+        assert "both are the same log: name that of" in refused(*evaluate, other)
+    run(*evaluate, log, "--offset", 0, 0)
 
 
-def test_a_damaged_record_of_metrics_is_named(drive, tmp_path, capsys):
-    results = tmp_path / "results"
-    shutil.copytree(drive / "results", results)
-    reference = line_track(tmp_path / "reference.csv", 2, 20)
-    evaluate = ["evaluate", results, "--tolerance", "2", "--ground-truth", reference, reference]
-    evaluate += ["--offset", 0, 0]
-    for text in ("{", "[1]", "[" * 100_000, '{"queries": NaN}'):
-        (results / "metrics.json").write_text(text)
-        refused(capsys, *evaluate, code=2, says="metrics.json")
+@pytest.mark.parametrize(
+    ("name", "contents"),
+    [
+        ("metrics.json", ("{", "[1]", "[" * 100_000, '{"queries": NaN}')),
+        (
+            "run.json",
+            ({"inputs": [{"path": "a"}]}, {"inputs": 3}, {"settings": [1]}, {"machine": None}),
+        ),
+    ],
+)
+def test_a_damaged_record_is_named(name, contents, results, tmp_path, refused):
+    log, whole = line_track(tmp_path / "log.csv", 2, 20), json.loads((results / name).read_text())
+    truth = ["--ground-truth", log, log, "--offset", 0, 0, "--tolerance", 2]
+    for content in contents:
+        text = content if isinstance(content, str) else json.dumps(whole | content)
+        (results / name).write_text(text)
+        assert name in refused("evaluate", results, *truth)
 
 
-def test_a_damaged_record_of_a_run_is_named(drive, tmp_path, capsys):
-    results = tmp_path / "results"
-    shutil.copytree(drive / "results", results)
-    reference = line_track(tmp_path / "reference.csv", 2, 20)
-    evaluate = ["evaluate", results, "--tolerance", "2", "--ground-truth", reference, reference]
-    evaluate += ["--offset", 0, 0]
-    for change in (
-        {"inputs": [{"path": "a"}]},
-        {"inputs": 3},
-        {"settings": [1]},
-        {"machine": None},
-    ):
-        record = json.loads((drive / "results" / "run.json").read_text())
-        (results / "run.json").write_text(json.dumps(record | change))
-        refused(capsys, *evaluate, code=2, says="run.json")
-
-
-def test_the_name_of_a_file_cannot_write_on_the_terminal(tmp_path, capsys):
+def test_the_name_of_a_file_cannot_write_on_the_terminal(tmp_path, refused):
     name = "drive\x1b[2J\x1b]0;owned\x07\n\u202ezpn.csv"
-    refused(capsys, "map", tmp_path / name, "-o", tmp_path / "m.npz", code=1, says="drive\\x1b[2J")
-    assert main(["match", str(tmp_path / name), "q.npz", "-o", str(tmp_path / "out")]) == 1
-    assert capsys.readouterr().err.rstrip("\n").isprintable()
+    for command in (["map", tmp_path / name], ["match", tmp_path / name, "q.npz"]):
+        said = refused(*command, "-o", tmp_path / "out.npz", code=1)
+        assert "drive\\x1b[2J" in said and said.rstrip("\n").isprintable()
 
 
 @pytest.mark.parametrize("log", ["metres", "none"])
-def test_tau_auto_fits_the_window_to_a_slow_robot(log, tmp_path, capsys):
-    drives = tmp_path / "drives"
-    words = ["simulate", "-o", drives, "--sensor", "tiny", "--length", "15", "--speed", "1"]
-    assert main([str(word) for word in words]) == 0
-    file = drives / "reference_track.csv"
-    track = [] if log == "none" else ["--track", str(file)]
+def test_tau_auto_fits_the_window_to_a_slow_robot(log, tmp_path, run):
+    drives, path = tmp_path / "drives", tmp_path / "map.npz"
+    run("simulate", "-o", drives, "--sensor", "tiny", "--length", 15, "--speed", 1)
+    track = ["--track", drives / "reference_track.csv"] if log == "metres" else []
 
-    def mapped(*flags):
-        path = tmp_path / "map.npz"
-        words = ["map", str(drives / "reference.npz"), "-o", str(path), "--overwrite", *track]
-        assert main([*words, "--pixels", "50", "--sigma", "1", *flags]) == 0
-        return ReferenceMap.load(path), capsys.readouterr().err
+    def mapped(tau):
+        words = ["map", drives / "reference.npz", "-o", path, "--overwrite", "--tau", tau, *track]
+        warned = run(*words, "--pixels", 50, "--sigma", 1).err
+        return ReferenceMap.load(path), warned
 
-    short, warned = mapped("--tau", "500ms")
+    short, warned = mapped("500ms")
     assert ("in a window" in warned) == (log == "metres")
     named = int(re.search(r"map with --tau (\d+)ms", warned)[1])
-    fitting, warned = mapped("--tau", "auto")
+    fitting, warned = mapped("auto")
     assert "map with --tau" not in warned
     if log == "metres":
         travel_m = np.median(np.diff(fitting.along_mm[:: fitting.settings.window_parts])) / 1e3
@@ -617,7 +454,7 @@ def test_tau_auto_fits_the_window_to_a_slow_robot(log, tmp_path, capsys):
     assert abs(named * 1_000 - fitting.settings.tau_us) <= 0.3 * fitting.settings.tau_us
 
 
-def test_a_query_that_does_not_say_its_sensor_has_that_of_the_map(drive, tmp_path):
+def test_a_query_that_does_not_say_its_sensor_has_that_of_the_map(drive, tmp_path, run):
     """For every command that reads it beside the map or the matches."""
     events = join_events(list(open_recording(drive / "query.npz")))
     columns = [events[name] for name in "txyp"]
@@ -626,11 +463,11 @@ def test_a_query_that_does_not_say_its_sensor_has_that_of_the_map(drive, tmp_pat
     for words in (
         ["match", reference, query, "-o", tmp_path / "m", "--no-figures"],
         ["match", reference, query, "-o", tmp_path / "live", "--online", "--no-figures"],
-        ["replay", tmp_path / "live", "-o", tmp_path / "film.gif", "--frames", "2"],
+        ["replay", tmp_path / "live", "-o", tmp_path / "film.gif", "--frames", 2],
         ["map", reference, query, "-o", tmp_path / "learnt.npz", "--same-route"],
         ["golden", "--map", reference, "--recording", query, "--suite", "recording",
          "-o", tmp_path / "vectors"],
     ):  # fmt: skip
-        assert main([str(word) for word in words]) == 0
+        run(*words)
     of_sensor = Matches.load(drive / "results" / "matches.npz")
     np.testing.assert_array_equal(Matches.load(tmp_path / "m/matches.npz").place, of_sensor.place)

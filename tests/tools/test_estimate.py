@@ -14,7 +14,6 @@ from typing import ClassVar
 
 import numpy as np
 import pytest
-from edge_vpr_tools.cli import main
 from edge_vpr_tools.commands import estimate as estimate_arguments
 from edge_vpr_tools.commands.estimate import workload_of
 from edge_vpr_tools.estimate import emulation, search, targets
@@ -47,7 +46,6 @@ from firmware_model.vectors.random_cases import (
     random_design,
     random_memories,
 )
-from tests.tools.test_commands import drive  # noqa: F401
 
 ROOT = Path(__file__).parents[2]
 SMALL = Design(width=64, height=64, pixels=150, places=200)
@@ -102,11 +100,16 @@ def test_operations_are_those_that_the_specification_does(seed):
     assert Metered.tally["multiplications"] == expected.multiplications == 0
 
 
+def drawn_design(seed):
+    """A random design of one of both profiles, and the generator that drew it."""
+    rng = np.random.default_rng(seed)
+    return (random_design, random_adaptive_design)[seed % 2](rng), rng
+
+
 @pytest.mark.parametrize("seed", range(20))
 def test_bytes_are_those_of_the_firmware_image(seed):
     """Without laying it out: flash to the byte, RAM as the C code asks for it."""
-    rng = np.random.default_rng(seed)
-    design = (random_design, random_adaptive_design)[seed % 2](rng)
+    design, rng = drawn_design(seed)
     assert image_bytes(design) == len(image(random_memories(rng, design)))
 
 
@@ -121,8 +124,7 @@ def m4(tmp_path_factory):
 @pytest.mark.parametrize("seed", range(10))
 def test_bytes_are_those_that_the_firmware_asks_for(seed, m4):
     """Its own `vpr_ram_bytes` and the image that it opens, on an emulated Cortex-M4."""
-    rng = np.random.default_rng(seed)
-    design = (random_design, random_adaptive_design)[seed % 2](rng)
+    design, rng = drawn_design(seed)
     emulator = Emulator(EMULATED[1], m4)
     flash = image(random_memories(rng, design))
     at_image, at_design = emulator.put(flash), emulator.put(bytes(512))
@@ -134,7 +136,7 @@ def test_bytes_are_those_that_the_firmware_asks_for(seed, m4):
 
 
 @pytest.mark.slow
-def test_bytes_are_those_of_a_saved_map(drive):  # noqa: F811
+def test_bytes_are_those_of_a_saved_map(drive):
     """A place of the map, packed; and the design says what the map says."""
     reference = ReferenceMap.load(drive / "map.npz")
     design = design_of(reference)
@@ -234,12 +236,9 @@ def test_energy_has_a_source_or_is_unknown():
         assert 0 < constant.value.low <= constant.value.central <= constant.value.high
 
 
-def test_every_constant_that_is_used_is_printed_with_its_name(capsys):
+def test_every_constant_that_is_used_is_printed_with_its_name(run):
     """Several constants of one source are several lines; without --sources there is none."""
-    assert main(["estimate", "--sources"]) == 0
-    shown = " ".join(capsys.readouterr().out.split())
-    assert main(["estimate"]) == 0
-    short = " ".join(capsys.readouterr().out.split())
+    shown, short = (joined(run("estimate", *more).out) for more in (["--sources"], []))
     for name in targets.constants():
         assert shown.count(f"modelled, {name}: ") == 1
         assert f"modelled, {name}: " not in short
@@ -257,12 +256,10 @@ def joined(text):
     return " ".join(text.split())
 
 
-def test_one_table_has_matches_per_joule_by_the_rate_of_events(capsys):
+def test_one_table_has_matches_per_joule_by_the_rate_of_events(run):
     """Each target; what they include and at which rate time and energy are is said below."""
-    assert main(["estimate", "--json"]) == 0
-    printed = json.loads(capsys.readouterr().out)
-    assert main(["estimate"]) == 0
-    shown = capsys.readouterr().out
+    printed = json.loads(run("estimate", "--json").out)
+    shown = run("estimate").out
     rows = rows_of(shown)
     assert set(rows) == set(targets.names())
     assert rows["pi-5"][4:] == ["-"] * 4 and rows["cortex-m0plus"][4:] == ["-"] * 3 + ["slow"]
@@ -291,13 +288,11 @@ def test_one_table_has_matches_per_joule_by_the_rate_of_events(capsys):
     text = joined(shown)
     assert "the work alone, without the camera and the board at rest" in text
     assert "at 100,000 events/s of the whole sensor (an assumption)" in text and "modelled" in text
-    assert main(["estimate", "--event-rate", "2e6", "--target", "cortex-m0plus"]) == 0
-    shown = capsys.readouterr().out
+    shown = run("estimate", "--event-rate", "2e6", "--target", "cortex-m0plus").out
     assert "at 2,000,000 events/s of the whole sensor (as given)" in joined(shown)
     assert float(rows_of(shown)["cortex-m0plus"][3].replace(",", "")) > 1_000
     assert "cortex-m0plus (its speed: busy 1.4 to 2.7 of the time)" in joined(shown)
-    assert main(["estimate", "--places", "60000", "--target", "cortex-m0plus"]) == 0
-    shown = capsys.readouterr().out
+    shown = run("estimate", "--places", 60_000, "--target", "cortex-m0plus").out
     assert rows_of(shown)["cortex-m0plus"][5:] == ["slow"] * 3 and "slow: the" in joined(shown)
 
 
@@ -334,7 +329,7 @@ def test_the_default_design_is_that_of_the_default_settings():
     assert (design.places_per_window, design.exclusion) == (2, 2 * default.exclusion)
 
 
-def test_a_map_gives_the_design_and_its_rate_of_events(drive):  # noqa: F811
+def test_a_map_gives_the_design_and_its_rate_of_events(drive):
     path = str(drive / "map.npz")
     mapped = ReferenceMap.load(path)
     workload = workload_of(parsed(["--map", path]))
@@ -343,18 +338,16 @@ def test_a_map_gives_the_design_and_its_rate_of_events(drive):  # noqa: F811
     assert workload.mission.events_per_s == pytest.approx(mapped.places.events.sum() / seconds)
 
 
-def test_a_map_of_frames_of_its_pixels_has_no_rate_of_events(drive, tmp_path, capsys):  # noqa: F811
+def test_a_map_of_frames_of_its_pixels_has_no_rate_of_events(drive, tmp_path, run):
     """Counts at the selected pixels say nothing about the other ones."""
     mapped = ReferenceMap.load(drive / "map.npz")
     assert event_rates(mapped) is not None
     alone = replace(mapped, places=replace(mapped.places, events=mapped.places.selected_events))
     assert event_rates(alone) is None
     alone.save(tmp_path / "frames.npz")
-    assert main(["estimate", "--map", str(tmp_path / "frames.npz")]) == 0
-    text = joined(capsys.readouterr().out)
+    text = joined(run("estimate", "--map", tmp_path / "frames.npz").out)
     assert "an assumption: the map counts events at its pixels alone" in text
-    assert main(["estimate", "--map", str(drive / "map.npz")]) == 0
-    text = joined(capsys.readouterr().out)
+    text = joined(run("estimate", "--map", drive / "map.npz").out)
     assert "(as in the map's drive)" in text
     differences = len(mapped.pixel_map) * len(mapped)  # as `compare` shows them
     assert f" operations, {differences:,} of them differences of codes, and moves " in text
@@ -371,7 +364,7 @@ def test_a_map_of_frames_of_chosen_pixels_alone_has_no_rate_either(shared_data):
 def test_given_places_go_before_those_of_a_design(tmp_path):
     SMALL.save(tmp_path / "mine.toml")
     own = ["--target", "cortex-m4", "--design", str(tmp_path / "mine.toml")]
-    for flags, places in ((["--places", "30"], 30), ([], 200)):
+    for flags, places in ((["--places", "30"], 30), ([], SMALL.places)):
         assert workload_of(parsed([*own, *flags])).design.places == places
 
 
@@ -447,23 +440,19 @@ def test_the_smallest_design_that_is_as_good_is_recommended(monkeypatch):
     assert best is most_correct is None and limit.startswith("1KiB: ")
 
 
-def test_the_rovers_question_is_one_command(tmp_path, capsys):
+def test_the_rovers_question_is_one_command(tmp_path, run):
     """A recommended design for each target, by the table of the page."""
-    rover = ["estimate", "--places", "1600", "--event-rate", "3e4"]
+    rover = ["estimate", "--places", 1600, "--event-rate", "3e4"]
     rover += ["--fit", "flash=256KiB", "--fit", "ram=32KiB"]
-    assert main(rover) == 0
-    shown = capsys.readouterr().out
+    shown = run(*rover).out
     rows, text = rows_of(shown), joined(shown)
     _, named = text.split("Most correct of those that fit: ")
     assert named.startswith("ecp5-25f ")
     share = named[named.index("(") + 1 : named.index(")")]
     assert float(share) > float(rows["ecp5-25f"][-1])
-    assert (
-        f"The smallest of {len(search.tried_designs())} designs within flash=256KiB and ram=32KiB"
-        in text
-    )
-    assert main([*rover, "--json"]) == 0
-    chosen = json.loads(capsys.readouterr().out)["recommended"]["ice40up5k"]["best"]
+    tried = f"The smallest of {len(search.tried_designs())} designs"
+    assert f"{tried} within flash=256KiB and ram=32KiB" in text
+    chosen = json.loads(run(*rover, "--json").out)["recommended"]["ice40up5k"]["best"]
     device = chosen["device"]
     assert device["memory"]["ram_bytes"] <= 32 * 1024
     energy = 1e6 * device["cost"]["per_match_j"]["central"]
@@ -475,11 +464,9 @@ def test_the_rovers_question_is_one_command(tmp_path, capsys):
     assert chosen["tried"]["error"] > 0
     # a design that is given is held against the limits
     SMALL.save(tmp_path / "mine.toml")
-    own = ["estimate", "--design", str(tmp_path / "mine.toml"), "--target", "cortex-m4"]
-    assert main([*own, "--fit", "8KiB"]) == 0
-    assert "Over its limits: cortex-m4 (8KiB: " in joined(capsys.readouterr().out)
-    assert main([*own, "--fit", "8MiB"]) == 0
-    assert "Within the limits." in joined(capsys.readouterr().out)
+    own = ["estimate", "--design", tmp_path / "mine.toml", "--target", "cortex-m4", "--fit"]
+    assert "Over its limits: cortex-m4 (8KiB: " in joined(run(*own, "8KiB").out)
+    assert "Within the limits." in joined(run(*own, "8MiB").out)
 
 
 def test_places_at_whole_windows_alone_are_no_silent_answer():
@@ -490,20 +477,15 @@ def test_places_at_whole_windows_alone_are_no_silent_answer():
     assert recommended.limit == "34 of 30 block memories, 2 of 4 large ones"
 
 
-def test_where_no_design_fits_no_better_one_is_named(capsys):
-    assert main(["estimate", "--fit", "1KiB"]) == 0
-    shown = joined(capsys.readouterr().out)
+def test_where_no_design_fits_no_better_one_is_named(run):
+    shown = joined(run("estimate", "--fit", "1KiB").out)
     assert shown.startswith("No design fits: cortex-m0plus (1KiB: ") and "better" not in shown
 
 
-def test_the_page_names_every_target():
-    page = (Path(__file__).parents[2] / "docs" / "estimate.md").read_text()
-    assert [name for name in targets.names() if f"`{name}`" not in page] == []
-
-
-def test_the_page_names_every_key():
+def test_the_page_names_every_target_and_key():
     """Of costs, memory, and what is recommended by which share of correct matches."""
     page = (ROOT / "docs" / "estimate.md").read_text(encoding="utf-8")
+    assert [name for name in targets.names() if f"`{name}`" not in page] == []
     keys = {*(each.name for each in fields(counts.Cost)), *(e.name for e in fields(counts.Sizes))}
     keys |= {*search.DeviceMemory._fields, *search.Recommendation._fields, "limited_by"}
     keys |= {"accuracy", "error", "selected_share"}
@@ -515,12 +497,6 @@ def parsed(words):
     parser = argparse.ArgumentParser()
     estimate_arguments.add_arguments(parser)
     return parser.parse_args(words)
-
-
-def test_two_limits_of_the_same_are_refused(capsys):
-    for twice in (["512KiB", "128KiB"], ["ram=4KiB", "RAM=8kB"]):
-        assert main(["estimate", "--fit", twice[0], "--fit", twice[1]]) == 2
-        assert "one limit each of flash, RAM, and both together" in capsys.readouterr().err
 
 
 def test_flash_and_ram_are_limits_apart():
@@ -537,13 +513,11 @@ def test_flash_and_ram_are_limits_apart():
 
     assert broken(m4, f"flash={flash}B", f"ram={ram}B", f"{flash + ram}B") == ""
     assert broken(m4, f"flash={flash}B", f"RAM={ram - 1}B") == f"RAM={ram - 1}B: {ram:,} bytes"
-    assert (
-        broken(m4, f"flash={flash - 1}B", f"ram={ram}B") == f"flash={flash - 1}B: {flash:,} bytes"
-    )
+    less = f"flash={flash - 1}B"
+    assert broken(m4, less, f"ram={ram}B") == f"{less}: {flash:,} bytes"
     assert broken(m4, f"{flash + ram - 1}B") == f"{flash + ram - 1}B: {flash + ram:,} bytes"
-    assert broken(m4, "flash=1B", "ram=1B") == (
-        f"flash=1B: {flash:,} bytes and ram=1B: {ram:,} bytes"
-    )
+    both = f"flash=1B: {flash:,} bytes and ram=1B: {ram:,} bytes"
+    assert broken(m4, "flash=1B", "ram=1B") == both
     packed = size.packed_bytes
     assert broken(ice, "flash=1B", f"ram={packed}B", f"{packed}B") == ""
     assert broken(ice, f"ram={packed - 1}B") == f"ram={packed - 1}B: {packed:,} bytes"
@@ -576,6 +550,10 @@ def test_a_target_of_ones_own(tmp_path):
             (["--fit", wrong], "expected memory, such as 64KiB")
             for wrong in ("10", "0KiB", "3 apples", "5mW", "rom=3KiB")
         ),
+        *(
+            (["--fit", one, "--fit", two], "one limit each of flash, RAM, and both together")
+            for one, two in (("512KiB", "128KiB"), ("ram=4KiB", "RAM=8kB"))
+        ),
         (["--map", "a.npz", "--pixels", "9"], "leave it out"),
         (["--event-rate", "nan"], "not a finite number"),
         (["--event-rate", "100k"], "write its digits, such as 25, 0.5 or 1e5"),
@@ -584,11 +562,9 @@ def test_a_target_of_ones_own(tmp_path):
         (["--map", "a.npz", "--design", "b.toml"], "give only one"),
     ],
 )
-def test_bad_use_is_one_line(capsys, arguments, says):
+def test_bad_use_is_one_line(refused, arguments, says):
     """What was wrong, with which value, and what to do."""
-    assert main(["estimate", *arguments]) == 2
-    lines = capsys.readouterr().err.strip().splitlines()
-    assert len(lines) == 1 and says in lines[0]
+    assert says in refused("estimate", *arguments)
 
 
 def test_the_page_says_what_the_ice40_takes_besides_the_work():

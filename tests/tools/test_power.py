@@ -46,7 +46,6 @@ from edge_vpr_tools.profile.workload import Throughput
 from edge_vpr.errors import UsageError
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.results import from_json, to_json
-from tests.tools.test_commands import drive  # noqa: F401
 
 HWMON = "sys/class/hwmon"
 
@@ -84,6 +83,12 @@ def test_a_power_file_is_taken_before_volts_times_amperes(tmp_path, chip):
     assert only(tmp_path).read() == pytest.approx(2.0)
 
 
+def test_an_energy_file_is_taken_first(tmp_path):
+    """INA228: microjoules, where the driver has them."""
+    write(tmp_path / HWMON / "hwmon1", name="ina228", energy1_input=7_000_000, power1_input=1)
+    assert (only(tmp_path).about.kind, only(tmp_path).read()) == ("energy", 7.0)
+
+
 def test_a_confirmed_shunt_corrects_what_the_driver_took(tmp_path):
     """10 mOhm by default, 100 mOhm on the board: a tenth of the power; the driver's step too."""
     write(
@@ -105,13 +110,6 @@ def test_gain_errors_are_of_the_data_sheets_or_said_to_be_assumed():
     for chip in CHIPS.values():
         assert 0 < chip.current_gain + chip.voltage_gain == chip.gain_error < 0.02
         assert re.search(r"S[BL][OY]S\w+|assumed", chip.source)
-
-
-def test_an_energy_file_is_taken_first(tmp_path):
-    """INA228: microjoules, where the driver has them."""
-    write(tmp_path / HWMON / "hwmon1", name="ina228", energy1_input=7_000_000, power1_input=1)
-    sensor = only(tmp_path)
-    assert (sensor.about.kind, sensor.read()) == ("energy", 7.0)
 
 
 def test_ina3221_has_a_sensor_for_each_channel_and_the_whole_board_first(tmp_path):
@@ -362,13 +360,6 @@ def test_an_interval_needs_five_pairs_and_is_a_point_where_they_agree():
         interval(np.ones(4))
 
 
-def test_the_energy_of_a_match_is_what_it_adds_to_the_board_at_rest():
-    windows, time_s, watts = synthetic(np.random.default_rng(5), noise=0.001, drift=0.0)
-    figures = analyse(Trace.of_power(time_s, watts), windows, METER).figures
-    assert figures.marginal_j_per_match == pytest.approx(JOULES, rel=0.02)
-    assert (figures.idle_w, figures.load_w) == pytest.approx((2.0, 2.5), rel=0.02)
-
-
 def test_turns_alternate_so_that_a_steady_drift_cancels(monkeypatch):
     """Idle, load, load, idle; windows are longer for a slow meter, if quick for ten readings."""
     now = [0.0]
@@ -581,9 +572,8 @@ def test_encodings_separators_and_both_micro_signs_are_read(
     text = "\r\n".join(delimiter.join(row).replace(".", decimal) for row in rows)
     path.write_bytes(text.encode(encoding))
     trace = read_meter(path)
-    assert trace.watts == pytest.approx([2.5, 5.0]) and np.diff(trace.time_s) == pytest.approx(
-        [0.5]
-    )
+    assert trace.watts == pytest.approx([2.5, 5.0])
+    assert np.diff(trace.time_s) == pytest.approx([0.5])
 
 
 def test_facts_beside_the_figure_show_what_a_meter_did():
@@ -600,6 +590,7 @@ def test_facts_beside_the_figure_show_what_a_meter_did():
 
     right, text = facts(time_s, watts)
     assert right.figures.marginal_j_per_match == pytest.approx(JOULES, rel=0.01)
+    assert (right.figures.idle_w, right.figures.load_w) == pytest.approx((2.0, 2.5), rel=0.01)
     assert right.readings.at_highest == 1
     assert "In the middle half of the turns, of which the figures are: 2.00" in text
     clipped, text = facts(time_s, np.minimum(watts, 2.3))
@@ -627,7 +618,7 @@ ROOT = f"{SENSOR}.ROOT"
 
 
 @pytest.fixture(scope="module")
-def load(drive):  # noqa: F811
+def load(drive):
     """A small map and a recording of its route."""
     return ["--map", str(drive / "map.npz"), "--recording", str(drive / "query.npz")]
 
@@ -643,7 +634,7 @@ def profile(load, tmp_path_factory):
 
 
 @pytest.mark.slow
-def test_without_a_sensor_all_but_the_joules_is_there(profile, capsys):
+def test_without_a_sensor_all_but_the_joules_is_there(profile, run):
     """And says so, in JSON, table and spreadsheet: no zero, no guess."""
     written = json.loads((profile / "profile.json").read_text())
     assert written["throughput"]["matches_per_s"] > 0
@@ -660,11 +651,8 @@ def test_without_a_sensor_all_but_the_joules_is_there(profile, capsys):
     assert float(rows["matches_per_s"]["value"]) == written["throughput"]["matches_per_s"]
     # the folder stands for the file in it
     compare = ["profile", "compare", str(profile), str(profile / "profile.json")]
-    capsys.readouterr()
-    assert main(compare) == 0
-    assert "not measured" in capsys.readouterr().out
-    assert main([*compare, "--json"]) == 0
-    told = json.loads(capsys.readouterr().out)
+    assert "not measured" in run(*compare).out
+    told = json.loads(run(*compare, "--json").out)
     assert (told["first"], told["second"]) == tuple(compare[2:])
     assert set(told["figures"]) == set(rows)
     assert told["figures"]["matches_per_s"]["times"] == 1.0
@@ -672,7 +660,7 @@ def test_without_a_sensor_all_but_the_joules_is_there(profile, capsys):
     assert (missing["times"], missing["first"]["why"]) == (None, "not measured")
 
 
-def test_a_match_is_that_of_a_window(drive, profile):  # noqa: F811
+def test_a_match_is_that_of_a_window(drive, profile):
     """With the events of a window, and not of each selected event."""
     speed = json.loads((profile / "profile.json").read_text())["throughput"]
     a_match = speed["events_per_s"] / speed["matches_per_s"]
@@ -727,18 +715,14 @@ def board(root):
 
 
 @pytest.mark.slow
-def test_a_profile_with_a_sensor_has_joules_figures_and_its_board(
-    load, tmp_path, capsys, monkeypatch
-):
+def test_a_profile_with_a_sensor_has_joules_figures_and_its_board(load, tmp_path, run, monkeypatch):
     """Of the map; the report holds the power over time, all figures drawn."""
     power, out = board(tmp_path), tmp_path / "out"
     with Follower(power):
         monkeypatch.setattr(ROOT, tmp_path)
-        flags = ["--shunt-mohm", "20", "-o", str(out)]
-        flags += ["--window-s", "0.3"]  # the meter follows within some 50 ms
-        assert main([*PROFILE, *load, *flags]) == 0
-    shown = capsys.readouterr()
-    assert "measuring energy takes about" in shown.err
+        flags = ["--shunt-mohm", 20, "-o", out]
+        flags += ["--window-s", 0.3]  # the meter follows within some 50 ms
+        assert "measuring energy takes about" in run(*PROFILE, *load, *flags).err
     written = json.loads((out / "profile.json").read_text())
     figures, sensor = written["energy"]["figures"], written["energy"]["sensor"]
     assert 0.9 < figures["idle_w"] < 1.6
@@ -752,7 +736,7 @@ def test_a_profile_with_a_sensor_has_joules_figures_and_its_board(
     assert (out / "report.html").read_text().count("<svg ") == 1
 
 
-def test_a_sensor_that_vanishes_leaves_the_rest_of_the_profile(load, tmp_path, capsys, monkeypatch):
+def test_a_sensor_that_vanishes_leaves_the_rest_of_the_profile(load, tmp_path, run, monkeypatch):
     """In mid-run: not measured, with the reason; speed and memory are there."""
     power, out = board(tmp_path), tmp_path / "out"
     # some of the turns have been taken by then
@@ -762,39 +746,34 @@ def test_a_sensor_that_vanishes_leaves_the_rest_of_the_profile(load, tmp_path, c
         measurement, "take_turns", lambda plan, run: (gone.start(), turns(plan, run))[1]
     )
     monkeypatch.setattr(ROOT, tmp_path)
-    assert main([*PROFILE, *load, "-o", str(out)]) == 0
+    assert "not measured" in run(*PROFILE, *load, "-o", out).out
     gone.join()
     written = json.loads((out / "profile.json").read_text())
     assert written["throughput"]["matches_per_s"] > 0
     assert written["energy"]["figures"] is None
     assert "still there" in written["energy"]["not_measured_because"][0]
-    assert "not measured" in capsys.readouterr().out
 
 
-def test_another_cameras_map_is_found_before_minutes_of_measuring(load, tmp_path, capsys):
+def test_another_cameras_map_is_found_before_minutes_of_measuring(load, tmp_path, refused):
     other = tmp_path / "other.csv"
     other.write_text("t,x,y,p\n0,90,90,1\n1,0,0,0\n")
-    words = [*PROFILE, *load[:3], str(other), "-o", str(tmp_path / "out")]
-    assert main(words) in (1, 2)
-    assert "sensor" in capsys.readouterr().err
+    assert "sensor" in refused(*PROFILE, *load[:3], other, "-o", tmp_path / "out", code=1)
 
 
-def test_a_throttled_run_is_void(load, tmp_path, capsys, monkeypatch):
+def test_a_throttled_run_is_void(load, tmp_path, run, monkeypatch):
     """What was read stays, and no figure does."""
     board(tmp_path)
     pi(tmp_path, throttled=0x4)
     monkeypatch.setattr(ROOT, tmp_path)
-    flags = ["-o", str(tmp_path / "out"), "--sensor-name"]
-    assert main([*PROFILE, *load, *flags, "ina226@hwmon2"]) == 0
+    flags = ["-o", tmp_path / "out", "--sensor-name", "ina226@hwmon2"]
+    shown = run(*PROFILE, *load, *flags).out
+    assert "VOID" in shown and "void: throttled" in shown
     written = json.loads((tmp_path / "out/profile.json").read_text())
     assert written["conditions"]["void_because"] == "throttled"
     energy = written["energy"]
     assert energy["figures"] is None and energy["windows"] and energy["trace"]["watts"]
-    shown = capsys.readouterr().out
-    assert "VOID" in shown and "void: throttled" in shown
-    path = str(tmp_path / "out/profile.json")
-    assert main(["profile", "compare", path, path]) == 0
-    assert "void: throttled" in capsys.readouterr().out
+    path = tmp_path / "out/profile.json"
+    assert "void: throttled" in run("profile", "compare", path, path).out
 
 
 @pytest.mark.slow
@@ -824,7 +803,7 @@ def test_an_interrupted_profile_leaves_nothing(load, tmp_path):
         assert list((tmp_path / str(number)).iterdir()) == []
 
 
-def test_two_profiles_are_compared_by_their_intervals(profile, tmp_path, capsys, monkeypatch):
+def test_two_profiles_are_compared_by_their_intervals(profile, tmp_path, run, monkeypatch):
     """952 and 1,098 matches a joule of one power overlap; half of the energy does not."""
     written = json.loads((profile / "profile.json").read_text())
     windows, time_s, watts = synthetic(np.random.default_rng(5))
@@ -838,13 +817,11 @@ def test_two_profiles_are_compared_by_their_intervals(profile, tmp_path, capsys,
         (tmp_path / name / "profile.json").write_text(json.dumps(written | {"energy": of}))
     monkeypatch.chdir(tmp_path)
     for other, says in (("b", "overlap"), ("c", "apart")):
-        sides = ["a", other]
-        assert main(["profile", "compare", *sides, "--json"]) == 0
-        told = json.loads(capsys.readouterr().out)["figures"]["matches_per_joule"]
+        compare = ["profile", "compare", "a", other]
+        told = json.loads(run(*compare, "--json").out)["figures"]["matches_per_joule"]
         assert told["intervals"] == says
         assert (told["first"]["low"], told["first"]["high"]) == (870.0, 1050.0)
-        assert main(["profile", "compare", *sides]) == 0
-        shown = " ".join(capsys.readouterr().out.split())
+        shown = " ".join(run(*compare).out.split())
         line = shown[shown.index("matches per joule") :].partition("events per second")[0]
         assert "952 (870 to 1,050)" in line and says in line
         assert "_" not in shown.partition("intervals are of")[0]
@@ -879,24 +856,24 @@ def test_a_profile_with_fields_that_are_no_longer_written_is_read(profile):
         ({"energy": {"not_measured_because": "?"}}, "energy.not_measured_because is '?'"),
         ({"schema": 2}, "not a profile that this edge-vpr reads"),
         ({"conditions": []}, "conditions holds a list"),
+        ({"energy": []}, "energy holds a list"),
+        ({"run": {}}, "run lacks"),
+        ({"board": 1}, "board is 1"),
     ],
 )
 def test_a_damaged_profile_is_one_line_that_names_the_field(
-    profile, tmp_path, capsys, change, says
+    profile, tmp_path, run, refused, change, says
 ):
-    """Whichever command reads it."""
+    """Whichever command reads it, before anything is printed."""
     path = tmp_path / "profile.json"
     path.write_text(json.dumps(json.loads((profile / "profile.json").read_text()) | change))
-    for command in (
-        ["profile", "compare", str(path), str(path)],
-        ["profile", "trace", str(path), "meter.csv"],
-    ):
-        assert main(command) == 2
-        lines = capsys.readouterr().err.strip().splitlines()
-        assert len(lines) == 1 and says in lines[0] and str(path) in lines[0]
+    for command in (["compare", path, path], ["trace", path, "meter.csv"]):
+        line = refused("profile", *command)
+        assert says in line and str(path) in line
+    assert run("profile", "compare", path, path, code=2).out == ""
 
 
-def test_a_meter_is_added_afterwards_and_drawn(profile, tmp_path, capsys):
+def test_a_meter_is_added_afterwards_and_drawn(profile, tmp_path, run):
     """The profile that took turns gets joules of the trace, a report, and its numbers."""
     written = json.loads((profile / "profile.json").read_text())
     windows, time_s, watts = synthetic(np.random.default_rng(9))
@@ -912,51 +889,43 @@ def test_a_meter_is_added_afterwards_and_drawn(profile, tmp_path, capsys):
         )
         return str(file)
 
-    def energy_by(*words, code=0):
-        assert main(["profile", "trace", *map(str, words)]) == code
+    def energy_by(*words, says, code=0):
+        shown = run("profile", "trace", *words, code=code)
+        assert says in " ".join((shown.out + shown.err).split())
         return json.loads(path.read_text())["energy"]
 
     meter = table("meter.csv")
     start = ["--first-load", first]
-    energy_by(path, meter, code=2)
-    assert "--voltage" in capsys.readouterr().err
-    energy_by(path, meter, "--voltage", -5, code=2)
-    assert "expected volts" in capsys.readouterr().err
-    energy_by(path, meter, "--voltage", 5, code=2)
-    assert "--first-load" in capsys.readouterr().err
+    energy_by(path, meter, says="--voltage", code=2)
+    energy_by(path, meter, "--voltage", -5, says="expected volts", code=2)
+    energy_by(path, meter, "--voltage", 5, says="--first-load", code=2)
     # the folder stands for the profile in it; 5 V times milliamperes
-    energy = energy_by(tmp_path, meter, "--voltage", 5, *start)
-    assert "power at rest" in capsys.readouterr().out
+    energy = energy_by(tmp_path, meter, "--voltage", 5, *start, says="power at rest")
     assert energy["figures"]["marginal_j_per_match"] == pytest.approx(JOULES, rel=0.1)
     assert (tmp_path / "report.html").stat().st_size > 10_000
     assert energy["sensor"]["gain_error"] is energy["sensor"]["resolution"] is None
-    again = energy_by(path, table("clock.csv", 1e4), "--voltage", 5, "--first-load", first + 1e4)
+    late = [table("clock.csv", 1e4), "--voltage", 5, "--first-load", first + 1e4]
+    again = energy_by(path, *late, says="replacing the energy that ")
     assert again["figures"]["idle_w"] == pytest.approx(energy["figures"]["idle_w"], rel=0.01)
-    assert "replacing the energy that " in capsys.readouterr().err
     # readings that the meter lost in the middle of a window
     middle = (windows[4].start_s + windows[4].end_s) / 2
-    lossy = energy_by(
-        path, table("lossy.csv", 0, np.abs(time_s - middle) > 1), "--voltage", 5, *start
-    )
+    some = table("lossy.csv", 0, np.abs(time_s - middle) > 1)
+    lossy = energy_by(path, some, "--voltage", 5, *start, says="at most 2")
     assert lossy["readings"]["longest_gap_s"] > 1.9 > energy["readings"]["longest_gap_s"]
-    assert "at most 2" in " ".join(capsys.readouterr().out.split())
     # the same turns at another voltage, without measuring again
-    again = energy_by(path, meter, "--voltage", 4, *start)
-    shown = " ".join(capsys.readouterr().out.split())
-    assert "'time_s' (s), 'current_ma' (ma) and 4 V as stated" in shown
+    says = "'time_s' (s), 'current_ma' (ma) and 4 V as stated"
+    again = energy_by(path, meter, "--voltage", 4, *start, says=says)
     first, second = (one["figures"]["marginal_j_per_match"] for one in (energy, again))
     assert second == pytest.approx(first * 4 / 5)
-    assert energy_by(path, meter, code=2) == again
+    assert energy_by(path, meter, says="--voltage", code=2) == again
 
 
 def test_the_page_names_every_key():
     """Of the records that profile.json is made of."""
     page = (Path(__file__).parents[2] / "docs/profile.md").read_text(encoding="utf-8")
     kinds = (Profile, Throughput, Figures, About, Conditions, Moments, Energy)
-    keys = {each.name for kind in kinds for each in fields(kind)} | {
-        *Window._fields,
-        *Readings._fields,
-    }
+    keys = {each.name for kind in kinds for each in fields(kind)}
+    keys |= {*Window._fields, *Readings._fields}
     keys = {key for key in keys if not key.endswith("_interval")}
     assert [key for key in sorted(keys) if not re.search(rf"`(energy\.)?{key}`", page)] == []
 
@@ -973,9 +942,7 @@ def test_the_page_names_every_key():
         (["compare", "a.json", "b.json"], "cannot read a profile"),
     ],
 )
-def test_bad_use_is_one_line(capsys, arguments, says, tmp_path, monkeypatch):
+def test_bad_use_is_one_line(refused, arguments, says, tmp_path, monkeypatch):
     """What was wrong, with which value, and what to do."""
     monkeypatch.setattr(ROOT, tmp_path)
-    assert main(["profile", *arguments]) == 2
-    lines = capsys.readouterr().err.strip().splitlines()
-    assert len(lines) == 1 and says in lines[0]
+    assert says in refused("profile", *arguments)

@@ -12,7 +12,6 @@ from pathlib import Path
 import numba
 import numpy as np
 import pytest
-from edge_vpr_tools.cli import main
 from edge_vpr_tools.commands.calibrate import calibrate
 from edge_vpr_tools.commands.info import summarise
 from edge_vpr_tools.truth_files import TruthFiles
@@ -25,20 +24,19 @@ from edge_vpr.matching.drive import match_query
 from edge_vpr.recordings import open_recording
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.results import to_json
-from tests.tools.test_commands import drive  # noqa: F401
 
 ROOT = Path(__file__).parents[2]
 
 
-def test_building_and_matching_give_what_the_commands_write(drive, tmp_path):  # noqa: F811
+def test_building_and_matching_give_what_the_commands_write(drive, tmp_path, run):
     """A map made of the settings of the command's map is the same, and so are the matches."""
     written = ReferenceMap.load(drive / "map.npz")
     made = ReferenceMap.build(drive / "reference.npz", written.settings)
     assert made == written
 
     result = made.match(drive / "query.npz")
-    flags = [str(drive / "map.npz"), str(drive / "query.npz"), "--no-figures"]
-    assert main(["match", *flags, "-o", str(tmp_path / "windows")]) == 0
+    match = ["match", drive / "map.npz", drive / "query.npz", "--no-figures", "-o"]
+    run(*match, tmp_path / "windows")
     again = MatchResult.load(tmp_path / "windows")
     assert (again.matches, again.queries, again.reference) == (result.matches, result.queries, made)
     result.save(tmp_path / "saved")
@@ -55,8 +53,7 @@ def test_building_and_matching_give_what_the_commands_write(drive, tmp_path):  #
     assert recording["path"] == str(drive / "query.npz")
 
     online = made.match(drive / "query.npz", every="20ms")
-    command = ["match", *flags, "--online", "--every", "20ms", "-o", str(tmp_path / "online")]
-    assert main(command) == 0
+    run(*match, tmp_path / "online", "--online", "--every", "20ms")
     again = MatchResult.load(tmp_path / "online")
     assert (again.matches, again.queries) == (online.matches, None)
 
@@ -73,16 +70,15 @@ def test_building_and_matching_give_what_the_commands_write(drive, tmp_path):  #
     assert learnt.reference.confidence == learnt.confidence
 
 
-def test_a_recording_is_summed_up_as_info_says(drive, capsys):  # noqa: F811
+def test_a_recording_is_summed_up_as_info_says(drive, run):
     """The record's fields are those of `--json`."""
     path = drive / "query.npz"
     summary = summarise(open_recording(path))
-    assert main(["info", str(path), "--json"]) == 0
-    assert json.loads(capsys.readouterr().out) == to_json(summary)
+    assert json.loads(run("info", path, "--json").out) == to_json(summary)
     assert summary.events_per_s == summary.events * 1e6 / summary.duration_us
 
 
-def test_times_are_without_compilation(drive, monkeypatch):  # noqa: F811
+def test_times_are_without_compilation(drive, monkeypatch):
     """A second in which the compiler has its lock, of a clock that goes in no other way."""
     if numba.config.DISABLE_JIT:
         pytest.skip("nothing is compiled")
@@ -107,7 +103,7 @@ def test_times_are_without_compilation(drive, monkeypatch):  # noqa: F811
 
 
 @pytest.mark.slow
-def test_a_command_compiles_once_and_says_so(drive, tmp_path):  # noqa: F811
+def test_a_command_compiles_once_and_says_so(drive, tmp_path):
     if numba.config.DISABLE_JIT:
         pytest.skip("nothing is compiled")
     map_, query = drive / "map.npz", drive / "query.npz"

@@ -17,7 +17,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from edge_vpr_tools import cli
 from edge_vpr_tools.sweep import SHARES, comparison
 from edge_vpr_tools.sweep.comparison import draw, rows_of, write_comparison
 from edge_vpr_tools.sweep.plan import read_plan
@@ -73,10 +72,15 @@ def workers_of_this_process(monkeypatch):
     monkeypatch.setattr("edge_vpr_tools.workers.processes", lambda count: ThreadPoolExecutor(1))
 
 
-def sweep(plan_file, output, *words, code=0):
-    """Run the command, and return the rows of its file."""
-    assert cli.main(["sweep", str(plan_file), "-o", str(output), *words]) == code
-    return read_lines(output) if output.exists() else []
+@pytest.fixture
+def sweep(run, plan_file):
+    """Run the command; return the rows of its file, and what it printed."""
+
+    def sweep(output, *words, code=0):
+        printed = run("sweep", plan_file, "-o", output, *words, code=code)
+        return read_lines(output) if output.exists() else [], printed
+
+    return sweep
 
 
 def without_times(lines):
@@ -137,43 +141,40 @@ def test_a_wrong_plan_is_one_clear_error(old, new, words, plan_file):
         read_plan(plan_file)
 
 
-def test_a_sweep_is_resumed_where_its_file_ends(plan_file, tmp_path, capsys):
+def test_a_sweep_is_resumed_where_its_file_ends(plan_file, tmp_path, sweep):
     """Stopped after some trials, with a plan that has grown since."""
-    whole = sweep(plan_file, tmp_path / "whole.csv")
+    whole, _ = sweep(tmp_path / "whole.csv")
     assert len(whole) == 6
     some = tmp_path / "some.csv"
     head, *rows = (tmp_path / "whole.csv").read_text().splitlines(True)
     some.write_text("".join([head, *rows[-2:]]))
     kept = some.read_text()
     times = [line["microseconds_per_match"] for line in read_lines(some)]
-    sweep(plan_file, some, code=2)
-    assert f"output {some} exists" in capsys.readouterr().err
-    sweep(plan_file, some, "--resume", "--overwrite", code=2)
+    assert f"output {some} exists" in sweep(some, code=2)[1].err
+    sweep(some, "--resume", "--overwrite", code=2)
     assert some.read_text() == kept
-    capsys.readouterr()
-    resumed = sweep(plan_file, some, "--resume")
+    resumed, shown = sweep(some, "--resume")
     assert without_times(resumed) == without_times(whole)
     # in the order of the plan, since a comparison is with the first variant
     assert [line["microseconds_per_match"] for line in resumed[-2:]] == times
     assert [line["variant"] for line in resumed] == [line["variant"] for line in whole]
-    shown = capsys.readouterr()
     assert "6 trials, 4 of them computed now" in shown.out
     progress = re.findall(r", evening, seed \d: trial (\d) of 4, after \d+ s\n", shown.err)
     assert progress == ["1", "2", "3", "4"]
     plan_file.write_text(PLAN.replace("[3, 5]", "[3, 5, 4]"))
-    assert len(sweep(plan_file, some, "--resume")) == 8
-    assert "8 trials, 2 of them computed now" in capsys.readouterr().out
+    rows, shown = sweep(some, "--resume")
+    assert len(rows) == 8 and "8 trials, 2 of them computed now" in shown.out
     # a file that has other settings under the same name is not gone on with
     plan_file.write_text(PLAN.replace("sigma = 1.0", "sigma = 2.0"))
-    sweep(plan_file, some, "--resume", code=2)
-    assert "has pixels=3 on evening with sigma = 1, and it is 2 now" in capsys.readouterr().err
-    assert len(sweep(plan_file, some, "--overwrite")) == 6
+    _, shown = sweep(some, "--resume", code=2)
+    assert "has pixels=3 on evening with sigma = 1, and it is 2 now" in shown.err
+    assert len(sweep(some, "--overwrite")[0]) == 6
 
 
-def test_a_trial_is_map_match_and_evaluate_on_two_drives(plan_file, tmp_path):
+def test_a_trial_is_map_match_and_evaluate_on_two_drives(plan_file, tmp_path, sweep):
     (first, *_) = read_plan(plan_file)
     (row,) = trial(first.settings, first.pair)
-    (line, *_) = sorted(sweep(plan_file, tmp_path / "out.csv"), key=lambda line: line["seed"])
+    (line, *_) = sorted(sweep(tmp_path / "out.csv")[0], key=lambda line: line["seed"])
     for name in list(comparison.MEASURES)[:9]:
         assert float(line[name]) == row[name]
     assert row["tolerance"] == line["tolerance"] == "0.2 s"
@@ -182,22 +183,20 @@ def test_a_trial_is_map_match_and_evaluate_on_two_drives(plan_file, tmp_path):
         trial(first.settings, gone)
 
 
-def test_a_failed_trial_stops_no_other_and_is_tried_again(plan_file, tmp_path, capsys):
+def test_a_failed_trial_stops_no_other_and_is_tried_again(plan_file, tmp_path, sweep):
     plan_file.write_text(PLAN.replace("pixels = [3, 5]", "sequence_length = [3, 50]"))
-    lines = sweep(plan_file, tmp_path / "out.csv", code=1)
+    lines, (_, said) = sweep(tmp_path / "out.csv", code=1)
     assert {line["variant"] for line in lines} == {"sequence_length=3", "again"}
-    said = capsys.readouterr().err
     assert "sequence_length=50, evening, seed 2: a sequence of 50 windows does not fit" in said
     assert "6 trials, 4 of them computed now, 2 failed: --resume tries these again" in said
-    sweep(plan_file, tmp_path / "out.csv", "--resume", code=1)
-    assert "6 trials, 0 of them computed now, 2 failed" in capsys.readouterr().err
+    _, (_, said) = sweep(tmp_path / "out.csv", "--resume", code=1)
+    assert "6 trials, 0 of them computed now, 2 failed" in said
     (tmp_path / "monday.npz").rename(tmp_path / "moved.npz")
-    assert sweep(plan_file, tmp_path / "none.csv", code=1) == []
-    said = capsys.readouterr().err
-    assert "monday.npz is not there" in said and "internal error" not in said
+    lines, (_, said) = sweep(tmp_path / "none.csv", code=1)
+    assert lines == [] and "monday.npz is not there" in said and "internal error" not in said
 
 
-def test_a_file_takes_one_sweep_at_a_time_and_is_never_somebody_elses(plan_file, tmp_path, capsys):
+def test_a_file_takes_one_sweep_at_a_time_and_is_never_somebody_elses(plan_file, tmp_path, refused):
     from edge_vpr_tools.sweep.table import appending
 
     with (
@@ -208,10 +207,9 @@ def test_a_file_takes_one_sweep_at_a_time_and_is_never_somebody_elses(plan_file,
         pass
     truth = tmp_path / "truth.csv"
     before = truth.read_bytes()
-    sweep(plan_file, tmp_path / "out.txt", code=2)
-    assert "does not end in .csv" in capsys.readouterr().err
-    assert cli.main(["sweep", str(plan_file), "-o", str(truth), "--resume"]) == 2
-    assert "truth.csv is not the file of a sweep" in capsys.readouterr().err
+    assert "does not end in .csv" in refused("sweep", plan_file, "-o", tmp_path / "out.txt")
+    said = refused("sweep", plan_file, "-o", truth, "--resume")
+    assert "truth.csv is not the file of a sweep" in said
     assert truth.read_bytes() == before
 
 
@@ -219,14 +217,12 @@ def test_a_file_takes_one_sweep_at_a_time_and_is_never_somebody_elses(plan_file,
     "damage",
     [lambda text: text[:-9], lambda text: text + "x\n", lambda text: text.replace(",10.0,", ",,")],
 )
-def test_a_damaged_row_is_named(plan_file, tmp_path, capsys, damage):
+def test_a_damaged_row_is_named(tmp_path, sweep, refused, damage):
     out = tmp_path / "out.csv"
-    sweep(plan_file, out)
+    sweep(out)
     out.write_text(damage(out.read_text()))
-    assert cli.main(["compare", str(out)]) == 2
-    assert re.search(
-        r"out\.csv, row \d lacks a column or a number: delete", capsys.readouterr().err
-    )
+    said = refused("compare", out)
+    assert re.search(r"out\.csv, row \d lacks a column or a number: delete", said)
 
 
 def test_an_error_of_a_job_is_one_line_and_a_dead_worker_ends_the_run(tmp_path):
@@ -319,16 +315,14 @@ def scheduler():
         yield made.scheduler_address
 
 
-def test_a_cluster_measures_what_this_machine_measures(plan_file, tmp_path, scheduler):
-    near = sweep(plan_file, tmp_path / "near.csv")
+def test_a_cluster_measures_what_this_machine_measures(tmp_path, sweep, scheduler):
+    near, _ = sweep(tmp_path / "near.csv")
     far = tmp_path / "far.csv"
-    words = ["sweep", str(plan_file), "-o", str(far), "--scheduler", scheduler]
-    assert cli.main(words) == 0
-    assert without_times(read_lines(far)) == without_times(near)
+    assert without_times(sweep(far, "--scheduler", scheduler)[0]) == without_times(near)
     lines = far.read_text().splitlines(True)
     far.write_text("".join(lines[:4]))
-    assert cli.main([*words, "--resume"]) == 0
-    assert without_times(read_lines(far)) == without_times(near)
+    resumed, _ = sweep(far, "--scheduler", scheduler, "--resume")
+    assert without_times(resumed) == without_times(near)
 
 
 def test_a_worker_of_a_cluster_may_die_and_a_job_may_fail(scheduler):
@@ -368,41 +362,38 @@ def test_a_scheduler_that_is_not_there_is_named(monkeypatch):
         pass
 
 
+def compared(folder):
+    """The rows of a comparison."""
+    with (folder / "compare.csv").open() as file:
+        return list(csv.DictReader(file))
+
+
 @pytest.mark.slow
-def test_the_commands_sweep_and_compare(plan_file, tmp_path, capsys, monkeypatch):
+def test_the_commands_sweep_and_compare(plan_file, tmp_path, run, refused, monkeypatch):
     monkeypatch.setattr("edge_vpr_tools.workers.processes", processes)
     swept, output = tmp_path / "out.csv", tmp_path / "compared"
-    words = f"sweep {plan_file} -o {swept} --workers 1".split()
-    assert cli.main(words) == 0
-    said = capsys.readouterr().out
+    sweep = ["sweep", plan_file, "-o", swept, "--workers", 1]
+    said = run(*sweep).out
     assert "run out.csv, drives evening, tolerance 0.2 s, seeds 2" in said
     assert "6 trials, 6 of them computed now" in said
-
-    runs = f"compare {swept} -o {output} --figures pdf,svg"
-    assert cli.main(runs.split()) == 0
+    run("compare", swept, "-o", output, "--figures", "pdf,svg")
     names = {path.name for path in output.iterdir()}
     assert names == {"compare.csv", "compare.pdf", "compare.svg", "run.json"}
-    with (output / "compare.csv").open() as file:
-        lines = list(csv.DictReader(file))
+    lines = compared(output)
     assert [(line["variant"], line["pixels"]) for line in lines] == [
         ("pixels=3", "3"), ("pixels=5", "5"), ("again", "5"),
     ]  # fmt: skip
     shares = [line["precision_at_100_recall"] for line in lines]
     assert shares[1] == shares[2]
-    capsys.readouterr()
-    assert cli.main(["compare", str(swept), "-o", str(tmp_path / "quiet"), "-q"]) == 0
-    assert cli.main([*words, "--resume", "-q"]) == 0
-    assert capsys.readouterr() == ("", "")
-    assert cli.main(f"compare {tmp_path}".split()) == 2
+    assert run("compare", swept, "-o", tmp_path / "quiet", "-q") == ("", "")
+    assert run(*sweep, "--resume", "-q") == ("", "")
+    refused("compare", tmp_path)
     # two runs of one name are told apart, and a name out of a file is no escape sequence
     swept.write_text(swept.read_text().replace("again", "a\x1b[2J|b"))
     (tmp_path / "other").mkdir()
     other = shutil.copy(swept, tmp_path / "other")
-    capsys.readouterr()
-    assert cli.main(f"compare {swept} {other} -o {output} --overwrite".split()) == 0
-    assert "\x1b[2J" not in capsys.readouterr().out
-    with (output / "compare.csv").open() as file:
-        lines = list(csv.DictReader(file))
+    assert "\x1b[2J" not in run("compare", swept, other, "-o", output, "--overwrite").out
+    lines = compared(output)
     assert [line["run"] for line in lines] == [str(swept)] * 3 + [str(other)] * 3
     assert lines[2]["variant"] == r"a\x1b[2J|b"
 
@@ -414,8 +405,7 @@ def test_a_name_is_no_formula_of_a_figure_or_a_spreadsheet(tmp_path):
         for name in ("=1+1", r"a$\frac{$", "_b", "c\x1b[2J")
     ]
     write_comparison(tmp_path, rows, ["svg"], "precision_at_100_recall")
-    with (tmp_path / "compare.csv").open() as file:
-        lines = list(csv.DictReader(file))
+    lines = compared(tmp_path)
     assert [line["run"] for line in lines] == ["'=1+1", r"a$\frac{$", "_b", r"c\x1b[2J"]
     assert {line["variant"] for line in lines} == {"'@x"}
     assert lines[0]["precision_at_100_recall"] == "0.375"
@@ -425,11 +415,8 @@ def test_a_name_is_no_formula_of_a_figure_or_a_spreadsheet(tmp_path):
 def test_only_the_best_of_many_rows_are_drawn(monkeypatch):
     monkeypatch.setattr(comparison, "MOST_DRAWN", 3)
     (axes,) = draw([row_of([n, n], variant=f"{n}") for n in range(5)]).axes
-    assert [label.get_text() for label in axes.get_yticklabels()] == [
-        "r, 4, d",
-        "r, 3, d",
-        "r, 2, d",
-    ]
+    drawn = [label.get_text() for label in axes.get_yticklabels()]
+    assert drawn == ["r, 4, d", "r, 3, d", "r, 2, d"]
     assert "the best 3 of 5" in axes.get_title()
 
 
@@ -468,10 +455,8 @@ def test_each_drive_counts_alike_in_a_mean_and_differences_are_of_pairs():
     first, second = comparison.averages(rows_over_drives(), measure)
     assert (first.drives, first.settings, first.difference) == (5, {"pixels": "25"}, None)
     assert first.means[measure] == pytest.approx((0.505 + 0.705 + 0.9 + 0.6 + 0.8) / 5)
-    assert second.difference is not None
-    assert second.difference.mean == pytest.approx(0.1)
-    assert second.difference.low == pytest.approx(0.1)
-    assert second.difference.high == pytest.approx(0.1)
+    between = second.difference
+    assert (between.mean, between.low, between.high) == pytest.approx((0.1, 0.1, 0.1))
     alone = comparison.averages(rows_over_drives()[4:6], measure)[1]
     assert alone.difference is None  # no drive in common
 
@@ -501,21 +486,20 @@ def test_no_title_of_a_comparison_is_cut():
     assert title.y1 <= drawing.bbox.height
 
 
-def test_wrong_use_of_workers_is_refused(plan_file, tmp_path, capsys):
+def test_wrong_use_of_workers_is_refused(plan_file, tmp_path, refused):
     words = f"sweep {plan_file} -o {tmp_path}/out.csv --workers 2 --scheduler tcp://x:1"
-    assert cli.main(words.split()) == 2
-    assert "leave one out" in capsys.readouterr().err
+    assert "leave one out" in refused(*words.split())
 
 
-def test_a_sweep_judges_by_several_tolerances_and_matches_once(plan_file, tmp_path):
+def test_a_sweep_judges_by_several_tolerances_and_matches_once(plan_file, tmp_path, sweep):
     one = plan_file.read_text()
     plan_file.write_text(one.replace("tolerance = 0.2", "tolerance = [0.2, 0.35]"))
-    assert len(sweep(plan_file, tmp_path / "several.csv")) == 12
+    assert len(sweep(tmp_path / "several.csv")[0]) == 12
     rows = sorted(rows_of([tmp_path / "several.csv"]), key=lambda row: (row.variant, row.tolerance))
     assert [row.tolerance for row in rows] == ["0.2 s", "0.35 s"] * 3
     for tolerance in ("0.2", "0.35"):
         plan_file.write_text(one.replace("tolerance = 0.2", f"tolerance = {tolerance}"))
-        sweep(plan_file, tmp_path / f"{tolerance}.csv")
+        sweep(tmp_path / f"{tolerance}.csv")
         alone = {row.variant: row for row in rows_of([tmp_path / f"{tolerance}.csv"])}
         for row in rows:
             for measure in list(comparison.MEASURES)[:SHARES]:
