@@ -350,17 +350,8 @@ def test_a_c_program_of_nothing_but_a_header_passes(vectors, tmp_path):
     )
     program = tmp_path / "self-test"
     place = vectors / "corners" / "events_by_time"
-    command = [
-        sys.executable,
-        "-m",
-        "ziglang",
-        "cc",
-        "-std=c11",
-        "-O2",
-        f"-I{SOURCES}",
-        f"-I{place}",
-    ]
-    command += [str(main_c), str(SOURCES / "vpr.c"), str(SOURCES / "replay.c"), "-o", str(program)]
+    command = [sys.executable, "-m", "ziglang", "cc", "-std=c11", "-O2", f"-I{SOURCES}"]
+    command += [f"-I{place}", main_c, SOURCES / "vpr.c", SOURCES / "replay.c", "-o", program]
     environment = os.environ | {"ZIG_LOCAL_CACHE_DIR": str(tmp_path)}
     subprocess.run(command, check=True, capture_output=True, env=environment)
     assert subprocess.run([program], check=False).returncode == 0
@@ -392,53 +383,39 @@ def test_the_first_difference_is_pointed_at(vectors):
     good = list(from_binary((place / "expected.bin").read_bytes()))
     pixels = list(csv.reader((place / "pixels.csv").read_text().splitlines()))[1:]
 
-    def said(change) -> str:
-        records = list(good)
-        change(records)
+    def said(records) -> str:
         differences = verify(vectors, records, case=name).differences
         assert len(differences) == 1 and differences[0].startswith(name)
         return differences[0].removeprefix(f"{name}: ")
 
-    def first(kind, of=good, after=0):
-        return next(i for i, r in enumerate(of) if r[0] == kind and i >= after)
+    def replaced(at, values):
+        return [*good[:at], (good[at][0], tuple(values)), *good[at + 1 :]]
+
+    def first(kind, after=0):
+        return next(i for i, r in enumerate(good) if r[0] == kind and i >= after)
 
     at = next(i for i, (kind, v) in enumerate(good) if kind == "event" and i > 50 and v[2] > 2)
     number, slot, count = good[at][1]
-
-    def count_less(records):
-        records[at] = ("event", (number, slot, count - 1))
-        # a later fault is not the first
-        records[-1] = (records[-1][0], (999, *records[-1][1][1:]))
-
+    count_less = replaced(at, (number, slot, count - 1))
+    # a later fault is not the first
+    count_less[-1] = (good[-1][0], (999, *good[-1][1][1:]))
     x, y = pixels[slot]
     expected = f"event {number} at pixel ({x}, {y}): count: expected {count}, got {count - 1}"
     assert said(count_less) == expected
-
-    at_window = first("window", after=20)
+    at_window, (x, y) = first("window", after=20), pixels[4]
     values = list(good[at_window][1])
     values[2 + 4] ^= 1
-
-    def code_wrong(records):
-        records[at_window] = ("window", tuple(values))
-
-    x, y = pixels[4]
-    assert f"code of slot 4, pixel ({x}, {y}): expected" in said(code_wrong)
-
+    wrong_code = said(replaced(at_window, values))
+    assert f"code of slot 4, pixel ({x}, {y}): expected" in wrong_code
     at_match = first("match")
     match = list(good[at_match][1])
     match[3] = 0xFFFF_FFFF
-
-    def no_second(records):
-        records[at_match] = ("match", tuple(match))
-
-    assert f"match of window {match[0]} (after event" in said(no_second)
-    assert said(no_second).endswith("got none")
-
-    assert "nothing was returned" in said(lambda records: records.pop())
-    assert "expected 3 values, got 2" in said(
-        lambda records: records.__setitem__(at, ("event", (number, slot)))
-    )
-    assert "beyond the last one" in said(lambda records: records.append(records[0]))
+    no_second = said(replaced(at_match, match))
+    assert f"match of window {match[0]} (after event" in no_second
+    assert no_second.endswith("got none")
+    assert "nothing was returned" in said(good[:-1])
+    assert "expected 3 values, got 2" in said(replaced(at, (number, slot)))
+    assert "beyond the last one" in said([*good, good[0]])
 
 
 @pytest.mark.parametrize(
@@ -476,40 +453,33 @@ def test_only_an_empty_folder_is_written_to(vectors):
 
 
 @pytest.mark.slow
-def test_the_command_makes_and_verifies_vectors(tmp_path, capsys):
+def test_the_command_makes_and_verifies_vectors(tmp_path, run, refused):
     """From a design's file; the summary counts cases; a wrong result ends with exit code 1."""
     DESIGN.save(tmp_path / "design.toml")
-    vectors = tmp_path / "vectors"
-    made = ["golden", "--design", str(tmp_path / "design.toml"), "-o", str(vectors)]
-    assert main(made) == 0
-    assert f"{len(CORNERS)} of its {len(CORNERS)} corners" in capsys.readouterr().out
-    assert main(["golden", "verify", str(vectors)]) == 0
-    assert "files are as they were made" in capsys.readouterr().out
+    vectors, results = tmp_path / "vectors", tmp_path / "results.bin"
+    made = ["golden", "--design", tmp_path / "design.toml", "-o", vectors]
+    assert f"{len(CORNERS)} of its {len(CORNERS)} corners" in run(*made).out
+    assert "files are as they were made" in run("golden", "verify", vectors).out
     records = list(correct_results(vectors))
-    results = tmp_path / "results.bin"
-    verified = ["golden", "verify", str(vectors), "--results", str(results)]
+    verified = ["golden", "verify", vectors, "--results", results]
     results.write_bytes(to_binary(records))
-    assert main(verified) == 0
-    assert "equal records" in capsys.readouterr().out
+    assert "equal records" in run(*verified).out
     second = [i for i, (kind, _) in enumerate(records) if kind == "case"][1]
     results.write_bytes(to_binary(records[:second]))
-    assert main(verified) == 1
-    assert "were not verified, such as corners/" in capsys.readouterr().err
+    assert "were not verified, such as corners/" in run(*verified, code=1).err
     at = next(i for i, (kind, _) in enumerate(records) if kind == "match")
     records[at] = ("match", (*records[at][1][:6], 1 - records[at][1][6]))
     results.write_bytes(to_binary(records))
-    assert main(verified) == 1
-    out, error = capsys.readouterr()
+    out, error = run(*verified, code=1)
     assert "accepted: expected" in out and "1 of " in error
-    assert main(made) == 2 and "not an empty folder" in capsys.readouterr().err
+    assert "not an empty folder" in refused(*made)
     for wrong in (
         ["golden"],
         ["golden", "verify"],
         ["golden", "make", "x"],
         [*verified, "--only", "a"],
     ):
-        assert main(wrong) == 2, wrong
-        assert capsys.readouterr().err.count("\n") == 1
+        refused(*wrong)
 
 
 def same_as_the_pipeline(folder, map_file, query) -> int:
@@ -535,15 +505,17 @@ def same_as_the_pipeline(folder, map_file, query) -> int:
     return len(arrays["expected_matches"])
 
 
-def test_a_suite_that_a_design_has_not_is_refused(tmp_path, capsys):
-    DESIGN.save(tmp_path / "design.toml")
-    golden = ["golden", "--design", str(tmp_path / "design.toml"), "-o", str(tmp_path / "vectors")]
-    for suite, message in (
+@pytest.mark.parametrize(
+    ("suite", "says"),
+    [
         ("filter", "--suite filter: this design has neither place filter nor contrast codes"),
         ("recording", "--suite recording needs a drive: name one with --recording"),
-    ):
-        assert main([*golden, "--suite", suite]) == 2
-        assert message in capsys.readouterr().err
+    ],
+)
+def test_a_suite_that_a_design_has_not_is_refused(suite, says, tmp_path, refused):
+    DESIGN.save(tmp_path / "design.toml")
+    golden = ["golden", "--design", tmp_path / "design.toml", "-o", tmp_path / "vectors"]
+    assert says in refused(*golden, "--suite", suite)
     assert not (tmp_path / "vectors").exists()
 
 
@@ -556,24 +528,18 @@ def test_a_suite_that_a_design_has_not_is_refused(tmp_path, capsys):
         ["--preset", "paper"],
         ["--places-per-window", "2"],
     ],
-    ids=[
-        "defaults",
-        "saturating counts, windows by number",
-        "counts",
-        "half windows",
-    ],
+    ids=["defaults", "saturating counts, windows by number", "counts", "half windows"],
 )
-def test_a_map_and_a_recording_make_vectors_that_are_the_pipelines_matches(tmp_path, settings):
+def test_a_map_and_a_recording_make_vectors_that_are_the_pipelines_matches(tmp_path, settings, run):
     """All windows and matches of a random drive, by counts and by codes."""
     write_drives(tmp_path, 6_000, Sensor(16, 12), 3_000_000)
-    made = tmp_path / "map.npz"
-    flags = ["--pixels", "8", "--sigma", "1", "--tau", "50ms", "-L", "3", *settings]
-    assert main(["map", str(tmp_path / "reference.npz"), "-o", str(made), *flags]) == 0
-    query = tmp_path / "query.npz"
-    golden = ["golden", "--map", str(made), "--recording", str(query), "--max-windows", "60"]
+    made, query = tmp_path / "map.npz", tmp_path / "query.npz"
+    flags = ["--pixels", 8, "--sigma", 1, "--tau", "50ms", "-L", 3, *settings]
+    run("map", tmp_path / "reference.npz", "-o", made, *flags)
+    golden = ["golden", "--map", made, "--recording", query, "--max-windows", 60]
     # what a map's own design makes of the other suites is seen once, and of any design elsewhere
     only = [] if not settings else ["--suite", "recording"]
-    assert main([*golden, *only, "-o", str(tmp_path / "vectors")]) == 0
+    run(*golden, *only, "-o", tmp_path / "vectors")
     assert same_as_the_pipeline(tmp_path / "vectors", made, query) > 5
     manifest = json.loads((tmp_path / "vectors" / "manifest.json").read_text())
     suites = [suite["name"] for suite in manifest["suites"]]
@@ -581,15 +547,13 @@ def test_a_map_and_a_recording_make_vectors_that_are_the_pipelines_matches(tmp_p
 
 
 @pytest.mark.slow
-def test_a_real_drive_makes_vectors_that_are_the_pipelines_matches(tmp_path, shared_data):
+def test_a_real_drive_makes_vectors_that_are_the_pipelines_matches(tmp_path, shared_data, run):
     """Events of a camera in a car, at 30 of 1280 x 720 pixels."""
     drive = shared_data / "recordings" / "evt3_gen41_1280x720_driving.raw"
     made = tmp_path / "map.npz"
-    flags = ["--pixels", "30", "--tau", "200us"]
-    assert main(["map", str(drive), "-o", str(made), *flags]) == 0
-    golden = ["golden", "--map", str(made), "--recording", str(drive), "--max-windows", "40"]
-    golden += ["--suite", "random", "--suite", "recording"]
-    assert main([*golden, "-o", str(tmp_path / "vectors")]) == 0
+    run("map", drive, "-o", made, "--pixels", 30, "--tau", "200us")
+    golden = ["golden", "--map", made, "--recording", drive, "--max-windows", 40]
+    run(*golden, "--suite", "random", "--suite", "recording", "-o", tmp_path / "vectors")
     assert same_as_the_pipeline(tmp_path / "vectors", made, drive) > 10
     pytest.importorskip("unicorn", reason="unicorn is not installed (extra firmware)")
     pytest.importorskip("ziglang", reason="ziglang is not installed (extra firmware)")
@@ -602,12 +566,13 @@ def test_a_real_drive_makes_vectors_that_are_the_pipelines_matches(tmp_path, sha
                 assert records == (place / "expected.bin").read_bytes(), (target.name, name)
 
 
-def recorded_drive(folder, events_number=40_000):
+@pytest.fixture(scope="module")
+def recorded(tmp_path_factory):
     """A map of 8 pixels, and a drive of 3 s of which few events are at these."""
-    rng = np.random.default_rng(5)
-    sensor = Sensor(64, 48)
+    folder = tmp_path_factory.mktemp("recorded")
+    rng, sensor = np.random.default_rng(5), Sensor(64, 48)
     for name in ("reference", "query"):
-        events = random_events(rng, events_number, sensor, 3_000_000)
+        events = random_events(rng, 40_000, sensor, 3_000_000)
         write_recording(folder / f"{name}.npz", [events], sensor=sensor)
     made, query = folder / "map.npz", folder / "query.npz"
     flags = ["--pixels", "8", "--sigma", "1", "--tau", "100ms"]
@@ -615,13 +580,13 @@ def recorded_drive(folder, events_number=40_000):
     return made, query
 
 
-def test_a_recording_is_limited_in_windows(tmp_path, capsys):
+def test_a_recording_is_limited_in_windows(recorded, tmp_path, run):
     """20 windows by default, whatever the rate of events."""
-    made, query = recorded_drive(tmp_path)
-    golden = ["golden", "--map", str(made), "--recording", str(query), "--suite", "recording"]
-    for i, (flags, windows) in enumerate((([], 20), (["--max-windows", "7"], 7))):
+    made, query = recorded
+    golden = ["golden", "--map", made, "--recording", query, "--suite", "recording", "-o"]
+    for i, (flags, windows) in enumerate((([], 20), (["--max-windows", 7], 7))):
         folder = tmp_path / f"v{i}"
-        assert main([*golden, "-o", str(folder), *flags]) == 0
+        run(*golden, folder, *flags)
         drive = folder / "recording" / "drive"
         arrays = np.load(drive / "case.npz")
         assert len(arrays["expected_windows"]) == len(arrays["expected_matches"]) == windows
@@ -631,44 +596,37 @@ def test_a_recording_is_limited_in_windows(tmp_path, capsys):
         parts = ("image", "events", "expected")
         assert sum((drive / f"{p}.bin").stat().st_size for p in parts) < 504 * 1024
         same_as_the_pipeline(folder, made, query)
-    capsys.readouterr()
-    assert main([*golden, "-o", str(tmp_path / "v"), "--max-windows", "60"]) == 0
-    assert "of --max-windows 60: the drive is shorter" in capsys.readouterr().err
+    said = run(*golden, tmp_path / "v", "--max-windows", 60).err
+    assert "of --max-windows 60: the drive is shorter" in said
 
 
-def test_a_recording_without_a_match_is_an_error(tmp_path, capsys):
-    """Shorter than a window, or than a sequence; nothing is written."""
-    made, _ = recorded_drive(tmp_path)
-    short = tmp_path / "short.npz"
-    events = random_events(np.random.default_rng(1), 50, Sensor(64, 48), 40_000)
-    write_recording(short, [events], sensor=Sensor(64, 48))
-    capsys.readouterr()
-    golden = ["golden", "--map", str(made), "-o", str(tmp_path / "v"), "--recording"]
-    assert main([*golden, str(short)]) == 2
-    error = capsys.readouterr().err
-    assert error.count("\n") == 1 and "no match in its first 20 windows, of 0.1 s" in error
-    assert main([*golden, str(short), "--max-windows", "0"]) == 2
-    assert "--max-windows 0: a match takes 1" in capsys.readouterr().err
+@pytest.mark.parametrize(
+    ("sensor", "duration_us", "flags", "code", "says"),
+    [
+        (Sensor(64, 48), 40_000, [], 2, "no match in its first 20 windows, of 0.1 s"),
+        (Sensor(64, 48), 40_000, ["--max-windows", 0], 2, "--max-windows 0: a match takes 1"),
+        (Sensor(60, 40), 3_000_000, [], 1, "the recording is of a 60x40 sensor"),
+        (Sensor(128, 96), 3_000_000, [], 1, "the recording is of a 128x96 sensor"),
+    ],
+)
+def test_a_recording_without_a_match_is_an_error(
+    sensor, duration_us, flags, code, says, recorded, tmp_path, refused
+):
+    """Shorter than a window, or of another camera; nothing is written."""
+    other = tmp_path / "other.npz"
+    events = random_events(np.random.default_rng(1), duration_us // 800, sensor, duration_us)
+    write_recording(other, [events], sensor=sensor)
+    golden = ["golden", "--map", recorded[0], "-o", tmp_path / "v", "--recording", other]
+    assert says in refused(*golden, *flags, code=code)
     assert not (tmp_path / "v").exists()
 
 
-@pytest.mark.parametrize("sensor", [Sensor(60, 40), Sensor(128, 96)])
-def test_a_recording_of_another_camera_is_an_error(sensor, tmp_path, capsys):
-    made, _ = recorded_drive(tmp_path)
-    other = tmp_path / "other.npz"
-    events = random_events(np.random.default_rng(1), 40_000, sensor, 3_000_000)
-    write_recording(other, [events], sensor=sensor)
-    golden = ["golden", "--map", str(made), "-o", str(tmp_path / "v"), "--recording", str(other)]
-    assert main(golden) == 1
-    assert f"the recording is of a {sensor} sensor" in capsys.readouterr().err
-
-
-def test_vectors_have_a_size_of_choice(tmp_path, capsys):
+def test_vectors_have_a_size_of_choice(tmp_path, run):
     """How many cases are left out is said; a README says how to check."""
     DESIGN.save(tmp_path / "design.toml")
-    golden = ["golden", "--design", str(tmp_path / "design.toml"), "--suite", "corners"]
-    assert main([*golden, "-o", str(tmp_path / "v"), "--vectors", "1MB"]) == 0
-    out, err = capsys.readouterr()
+    golden = ["golden", "--design", tmp_path / "design.toml", "--suite", "corners"]
+    golden += ["-o", tmp_path / "v", "--vectors"]
+    out, err = run(*golden, "1MB")
     assert "v/corners: " in out
     left_out, whole = re.search(
         r"leaves cases out: (\d+) of \d+ of corners; --vectors (\w+) keeps", err
@@ -677,11 +635,10 @@ def test_vectors_have_a_size_of_choice(tmp_path, capsys):
     size = sum(p.stat().st_size for p in (tmp_path / "v").rglob("*") if p.is_file())
     assert 0.4e6 < size < 1.3e6
     assert "golden verify" in (tmp_path / "v" / "README.md").read_text()
-    assert main(["golden", "verify", str(tmp_path / "v")]) == 0
-    assert main([*golden, "-o", str(tmp_path / "v"), "--overwrite", "--vectors", "500kB"]) == 0
-    assert main([*golden, "-o", str(tmp_path / "v"), "--overwrite", "--vectors", whole]) == 0
+    run("golden", "verify", tmp_path / "v")
+    run(*golden, "500kB", "--overwrite")
     every = standard_suites(DESIGN, 0, "corners")["corners"]
-    assert f"v/corners: {len(every)} cases" in capsys.readouterr().out
+    assert f"v/corners: {len(every)} cases" in run(*golden, whole, "--overwrite").out
     assert f"v/corners: {len(every) - int(left_out)} of {len(every)} cases" in out
     # every case is announced, for the progress
     told = []
@@ -705,28 +662,24 @@ def test_cases_of_a_size_reach_more_corners_than_the_smallest_ones(most):
     assert cases_within(suites, np.inf) == suites
 
 
-def test_quiet_prints_nothing_but_errors(vectors, tmp_path, capsys):
+def test_quiet_prints_nothing_but_errors(vectors, recorded, tmp_path, run):
     """Neither results, nor tables, nor notes; a difference is in the error itself."""
-    made, query = recorded_drive(tmp_path, 4_000)
-    truth = tmp_path / "truth.csv"
+    made, query = recorded
+    truth, results = tmp_path / "truth.csv", tmp_path / "results.bin"
     truth.write_text("query_s,reference_s\n0,0\n3,3\n")
-    run, results = str(tmp_path / "run"), tmp_path / "results.bin"
-    capsys.readouterr()
     for words in (
-        ["info", str(query)],
-        ["estimate", "--map", str(made), "--target", "cortex-m4"],
-        ["golden", "verify", str(vectors)],
-        ["golden", "--map", str(made), "--suite", "recording", "--recording", str(query),
-         "-o", str(tmp_path / "v")],
-        ["match", str(made), str(query), "-o", run],
-        ["evaluate", run, "--ground-truth", str(truth), "--tolerance", "0.2"],
+        ["info", query],
+        ["estimate", "--map", made, "--target", "cortex-m4"],
+        ["golden", "verify", vectors],
+        ["golden", "--map", made, "--suite", "recording", "--recording", query,
+         "-o", tmp_path / "v"],
+        ["match", made, query, "-o", tmp_path / "run"],
+        ["evaluate", tmp_path / "run", "--ground-truth", truth, "--tolerance", 0.2],
         ["ports"],
     ):  # fmt: skip
-        assert main([*words, "-q"]) == 0, words
-        assert capsys.readouterr() == ("", ""), words
+        assert run(*words, "-q") == ("", ""), words
     results.write_bytes(to_binary([("case", (0,)), ("match", (1, 2, 3, 4, 5, 6, 7))]))
-    assert main(["golden", "verify", str(vectors), "--results", str(results), "-q"]) == 1
-    out, err = capsys.readouterr()
+    out, err = run("golden", "verify", vectors, "--results", results, "-q", code=1)
     assert out == "" and err.count("\n") == 1 and "first in corners/" in err
 
 
