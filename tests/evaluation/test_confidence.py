@@ -41,7 +41,6 @@ from edge_vpr.evaluation.ground_truth import GroundTruth
 from edge_vpr.evaluation.metrics import auroc, evaluate_rejection
 from edge_vpr.events import Sensor, join_events
 from edge_vpr.learning import align
-from edge_vpr.live.protocols import open_encoder
 from edge_vpr.matching.drive import match_descriptors
 from edge_vpr.matching.matches import Matches
 from edge_vpr.online.localiser import Localiser
@@ -50,6 +49,7 @@ from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.settings import PRESETS, SETTING_FIELDS, Settings
 from firmware_model.specification_drive import confidence_of
 from tests import naive
+from tests.live.devices import sent_by
 from tests.streams import Drive, descriptors, map_of_counts, random_events, resumed
 
 SENSOR = Sensor(16, 12)
@@ -280,8 +280,7 @@ def robot(tmp_path_factory):
     other = random_events(rng, 6_000, SENSOR, 6_000_000)
     query = join_events([drive[drive.t < 3_000_000], other[other.t >= 3_000_000]])
     write_recording(folder / "query.npz", [query], sensor=SENSOR)
-    encoder = open_encoder("evpr", SENSOR)
-    (folder / "sent.bin").write_bytes(encoder.start() + encoder.encode(query))
+    (folder / "sent.bin").write_bytes(sent_by(query, SENSOR))
     return folder
 
 
@@ -299,7 +298,7 @@ def test_a_recorded_drive_that_stays_on_the_map_has_the_probabilities_of_such(ro
 
 
 def test_each_live_path_gives_the_matches_of_a_recorded_drive_that_stays_on_the_map(
-    robot, tmp_path, capsys
+    robot, tmp_path, run
 ):
     def rows_of(rows):
         return [tuple(row[name] for name in COLUMNS) for row in rows]
@@ -307,7 +306,7 @@ def test_each_live_path_gives_the_matches_of_a_recorded_drive_that_stays_on_the_
     def of_matches(matches):
         return list(zip(*(getattr(matches, name).tolist() for name in COLUMNS), strict=True))
 
-    names = [str(robot / name) for name in ("map.npz", "query.npz", "sent.bin")]
+    names = [robot / name for name in ("map.npz", "query.npz", "sent.bin")]
     reference = ReferenceMap.load(names[0])
     changes = {"smooth": False, "stays_on_map": True}
     recorded = of_matches(reference.match(names[1], **changes).matches)
@@ -315,10 +314,9 @@ def test_each_live_path_gives_the_matches_of_a_recorded_drive_that_stays_on_the_
     # the recording's last window has no event after it, so that only its end ends it
     online = of_matches(reference.match(names[1], every="window", **changes).matches)
     assert online == recorded[: len(online)] and len(recorded) - len(online) <= 1
-    out = tmp_path / "out"
-    live = ["--online", "--every", "window", "--no-figures", "-o", str(out)]
-    assert main(["match", *names[:2], "--stays-on-map", *live]) == 0
-    assert of_matches(Matches.load(out / "matches.npz")) == online
+    live = ["--online", "--every", "window", "--no-figures", "-o", tmp_path / "out"]
+    run("match", *names[:2], "--stays-on-map", *live)
+    assert of_matches(Matches.load(tmp_path / "out/matches.npz")) == online
 
     localiser = reference.localiser("window", **changes)
     rows = [localiser.update(part) for part in open_recording(names[1])]
@@ -327,14 +325,12 @@ def test_each_live_path_gives_the_matches_of_a_recorded_drive_that_stays_on_the_
     chosen = reference.matched_with(reference.settings.replaced(changes, "test"))
     with LiveSession(names[2], protocol="evpr", reference=chosen, every="window") as session:
         assert [(m.place, m.probability, m.lost) for m in session] == online
-    capsys.readouterr()
     sent = ["--port", names[2], "--protocol", "evpr", "--map", names[0], "--every", "window"]
-    assert main(["stream", *sent, "--stays-on-map", "--json"]) == 0
-    said = [json.loads(line) for line in capsys.readouterr().out.splitlines()]
-    assert rows_of(row for row in said if "place" in row) == online
+    said = run("stream", *sent, "--stays-on-map", "--json").out.splitlines()
+    assert rows_of(row for row in map(json.loads, said) if "place" in row) == online
 
 
-def test_a_map_with_a_table_of_its_own_is_not_asked_for_a_shipped_one(robot, tmp_path, capsys):
+def test_a_map_with_a_table_of_its_own_is_not_asked_for_a_shipped_one(robot, tmp_path, refused):
     own = table((0, 0.25, 8), (8, 0.999, 80))
     reference = replace(ReferenceMap.load(robot / "map.npz"), confidence=own)
     stays = reference.settings.replaced({"stays_on_map": True}, "test")
@@ -343,13 +339,10 @@ def test_a_map_with_a_table_of_its_own_is_not_asked_for_a_shipped_one(robot, tmp
         with pytest.raises(UsageError, match=says):
             ask(robot / "query.npz", stays_on_map=True)
     reference.save(tmp_path / "map.npz")
-    path, out = str(tmp_path / "map.npz"), str(tmp_path / "out")
-    match = ["match", path, str(robot / "query.npz"), "-o", out]
-    stream = ["stream", "--port", str(robot / "sent.bin"), "--protocol", "evpr", "--map", path]
+    match = ["match", tmp_path / "map.npz", robot / "query.npz", "-o", tmp_path / "out"]
+    stream = ["stream", "--port", robot / "sent.bin", "--protocol", "evpr", "--map", match[1]]
     for words in (match, [*match, "--online"], stream):
-        assert main([*words, "--stays-on-map"]) == 2
-        (line,) = capsys.readouterr().err.splitlines()
-        assert says in line
+        assert says in refused(*words, "--stays-on-map")
     # a map that was made for a robot that stays on it uses the table that it learnt later
     made = replace(reference, settings=stays)
     assert made.match(robot / "query.npz").reference.acceptance.confidence is own
@@ -360,12 +353,13 @@ def test_a_map_with_a_table_of_its_own_is_not_asked_for_a_shipped_one(robot, tmp
     assert matches.probability.tolist() == shipped.probability_of(matches.net_trust).tolist()
 
 
-def test_what_has_no_effect_on_such_matches_is_warned_of(robot, tmp_path, capsys):
-    match = ["match", str(robot / "map.npz"), str(robot / "query.npz"), "--no-figures", "-o"]
-    warned_of = {"--smooth": True, "--no-smooth": False, "--online": False}
-    for i, (flag, warned) in enumerate(warned_of.items()):
-        assert main([*match, str(tmp_path / f"{i}"), flag, "--stays-on-map"]) == 0
-        assert ("--stays-on-map is for live matches" in capsys.readouterr().err) == warned
+@pytest.mark.parametrize(
+    ("flag", "warned"), [("--smooth", True), ("--no-smooth", False), ("--online", False)]
+)
+def test_what_has_no_effect_on_such_matches_is_warned_of(flag, warned, robot, tmp_path, run):
+    match = ["match", robot / "map.npz", robot / "query.npz", "--no-figures", "-o", tmp_path / "m"]
+    said = run(*match, flag, "--stays-on-map").err
+    assert ("--stays-on-map is for live matches" in said) == warned
 
 
 def test_what_a_map_learns_does_not_depend_on_whether_the_robot_stays_on_it(robot):
@@ -378,16 +372,16 @@ def test_what_a_map_learns_does_not_depend_on_whether_the_robot_stays_on_it(robo
 
 
 @pytest.mark.slow
-def test_calibrating_stores_probabilities_that_later_matches_have(tmp_path, capsys):
+def test_calibrating_stores_probabilities_that_later_matches_have(tmp_path, run, refused):
     rng = np.random.default_rng(0)
     drive = random_events(rng, 6_000, SENSOR, 6_000_000)
     write_recording(tmp_path / "drive.npz", [drive], sensor=SENSOR)
-    small = ["--pixels", "5", "--sigma", "1", "--tau", "100ms", "--places-per-window", "1"]
-    recording, first = str(tmp_path / "drive.npz"), str(tmp_path / "map.npz")
-    assert main(["map", recording, "-o", first, *small]) == 0
+    small = ["--pixels", 5, "--sigma", 1, "--tau", "100ms", "--places-per-window", 1]
+    recording, first = tmp_path / "drive.npz", tmp_path / "map.npz"
+    run("map", recording, "-o", first, *small)
     # as a robot matches, whose table it is to be
     match = ["match", first, recording, "--no-figures", "--no-smooth"]
-    assert main([*match, "-o", str(tmp_path / "a"), "--precision", "0.99"]) == 0
+    run(*match, "-o", tmp_path / "a", "--precision", 0.99)
     with (tmp_path / "a" / "matches.csv").open(newline="") as file:
         rows = list(csv.DictReader(file))
     trust, misfit = (np.array([int(row[name]) for row in rows]) for name in ("trust", "misfit"))
@@ -399,10 +393,8 @@ def test_calibrating_stores_probabilities_that_later_matches_have(tmp_path, caps
     truth = np.eye(len(rows), dtype=np.uint8)
     truth[:, ::7] = 0  # taken as not on the map
     np.save(tmp_path / "truth.npy", truth)
-    truth_flags = ["--ground-truth", str(tmp_path / "truth.npy"), "--rows", "reference"]
-    capsys.readouterr()
-    assert main(["evaluate", str(tmp_path / "a"), *truth_flags]) == 0
-    said = capsys.readouterr().out
+    truth_flags = ["--ground-truth", tmp_path / "truth.npy", "--rows", "reference"]
+    said = run("evaluate", tmp_path / "a", *truth_flags).out
     for name in ("calibration error", "precision of the accepted", "AUROC off the map"):
         assert name in said
     evaluation = json.loads((tmp_path / "a" / "metrics.json").read_text())["evaluation"]
@@ -410,23 +402,18 @@ def test_calibrating_stores_probabilities_that_later_matches_have(tmp_path, caps
     assert 0 <= evaluation["reliability"]["expected_calibration_error"] <= 1
     assert (tmp_path / "a" / "reliability.svg").is_file()
 
-    sure = str(tmp_path / "sure.npz")
-    assert main(["calibrate", str(tmp_path / "a"), "-o", sure]) == 0
+    sure = tmp_path / "sure.npz"
+    run("calibrate", tmp_path / "a", "-o", sure)
     learnt = ReferenceMap.load(sure).confidence
     assert learnt is not None and learnt.matches.sum() == len(rows)
-    assert main(["match", sure, recording, "-o", str(tmp_path / "b"), "--no-figures"]) == 0
-    again = Matches.load(tmp_path / "b" / "matches.npz")
-    assert np.array_equal(again.probability, learnt.probability_of(again.net_trust))
-    assert main(["match", sure, recording, "-o", str(tmp_path / "c"), "--no-figures", "--online",
-                 "--every", "window"]) == 0  # fmt: skip
-    live = Matches.load(tmp_path / "c" / "matches.npz")
-    assert np.array_equal(live.probability, learnt.probability_of(live.net_trust))
-    capsys.readouterr()
-    assert main(["calibrate", str(tmp_path / "a"), "-o", sure]) == 2
-    assert "exists" in capsys.readouterr().err
-    refused = [*match, "-o", str(tmp_path / "d"), "--precision", "0.999999"]
-    assert main(refused) == 2 and not (tmp_path / "d").exists()
-    assert "was not reached where trust was calibrated" in capsys.readouterr().err
+    for name, flags in (("b", []), ("c", ["--online", "--every", "window"])):
+        run("match", sure, recording, "-o", tmp_path / name, "--no-figures", *flags)
+        again = Matches.load(tmp_path / name / "matches.npz")
+        assert np.array_equal(again.probability, learnt.probability_of(again.net_trust))
+    assert "exists" in refused("calibrate", tmp_path / "a", "-o", sure)
+    said = refused(*match, "-o", tmp_path / "d", "--precision", "0.999999")
+    assert "was not reached where trust was calibrated" in said
+    assert not (tmp_path / "d").exists()
 
 
 def a_pair():

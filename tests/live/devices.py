@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import json
 import threading
-from collections.abc import Iterable
-from typing import NamedTuple
+import time
+from collections.abc import Callable, Iterable
+from pathlib import Path
+from typing import Any, NamedTuple
 
 from edge_vpr.events import Events, Sensor
 from edge_vpr.live.bridge import Bridge, LineFaults, open_device_link
@@ -37,6 +40,27 @@ DEVICES = (
     Device("aer", "aer", clock_bits=16),
     Device("aer:layout=jaer8", "aer:layout=jaer8", clock_bits=32, typical=True),
 )
+
+
+def sent_by(pieces: Events | Iterable[Events], sensor: Sensor, device: str = "evpr") -> bytes:
+    """What a device sends of events, or of pieces of them, from its opening on."""
+    encoder = open_encoder(device, sensor)
+    parts = [pieces] if isinstance(pieces, Events) else pieces
+    return encoder.start() + b"".join(map(encoder.encode, parts))
+
+
+def rows_of(log: Path | str, kind: str) -> list[dict[str, Any]]:
+    """Rows of a kind in what `stream` prints with `--json`, or in its log."""
+    text = log.read_text() if isinstance(log, Path) else log
+    return [row for row in map(json.loads, text.splitlines()) if row["kind"] == kind]
+
+
+def wait_until(condition: Callable[[], object], seconds: float = 30) -> None:
+    """Wait until something holds; fail if that takes too long."""
+    end = time.monotonic() + seconds
+    while not condition():
+        assert time.monotonic() < end
+        time.sleep(0.001)
 
 
 class Playing(NamedTuple):

@@ -20,14 +20,7 @@ from edge_vpr.errors import UsageError
 from edge_vpr.events import Sensor, make_events
 from edge_vpr.live import links
 from edge_vpr.live.bridge import Bridge, open_device_link
-from edge_vpr.live.links import (
-    Link,
-    LinkAbsent,
-    LinkClosed,
-    LinkError,
-    SerialLink,
-    open_link,
-)
+from edge_vpr.live.links import Link, LinkAbsent, LinkClosed, LinkError, SerialLink, open_link
 from edge_vpr.live.protocols import open_encoder
 from edge_vpr.live.reader import Chunk, LinkReader
 
@@ -122,26 +115,6 @@ def test_a_link_that_can_wait_loses_nothing_to_a_late_reader():
     pieces = drained(reader)
     assert b"".join(piece.data for piece in pieces) == b"".join(sent)
     assert sum(piece.dropped for piece in pieces) == 0
-
-
-def test_a_cable_pulled_and_put_back_is_opened_again_and_told():
-    links = [Script([b"one"]), None, Script([b"two"])]
-
-    def open_next():
-        link = links.pop(0)
-        if link is None:
-            raise LinkError("not there yet")
-        return link
-
-    reader = LinkReader(open_next, retry=True)
-    pieces = []
-    while len(pieces) < 2:
-        piece = reader.take(5)
-        assert piece is not None
-        pieces.append(piece)
-    links.append(None)
-    reader.stop()
-    assert [(p.data, p.reopened) for p in pieces] == [(b"one", False), (b"two", True)]
 
 
 def has_ipv6():
@@ -310,9 +283,7 @@ def test_a_reader_that_waits_is_woken_by_the_first_byte():
 
 
 def test_what_the_ports_driver_counts_as_damaged_is_told(monkeypatch):
-    counted = {"framing": 3, "overrun": 5, "parity": 7, "buffer": 11}
-
-    real = fcntl.ioctl
+    counted, real = {"framing": 3, "overrun": 5, "parity": 7, "buffer": 11}, fcntl.ioctl
 
     def ioctl(descriptor, request, *rest):
         if request != termios.TIOCGICOUNT:
@@ -465,8 +436,14 @@ def test_whatever_the_caller_does_the_thread_reads_and_nothing_is_lost_or_change
 @pytest.mark.parametrize("retry", [True, False])
 def test_a_link_that_breaks_under_the_caller_is_opened_again_or_ends(retry):
     pipes = [Pipe(), Pipe()]
-    opened = iter(pipes)
-    reader = LinkReader(lambda: next(opened), retry=retry)
+    opened = iter([pipes[0], None, pipes[1]])
+
+    def open_next():
+        if (link := next(opened)) is None:
+            raise LinkError("not there yet")
+        return link
+
+    reader = LinkReader(open_next, retry=retry)
     assert reader.take(0.3) is None
     fed(pipes[0], reader, 3)
     pipes[0].error = LinkError("cable pulled")
@@ -545,17 +522,12 @@ def test_a_camera_that_comes_back_under_another_name_is_found_by_its_numbers(mon
     attached = []
     monkeypatch.setattr(list_ports, "comports", lambda *_: list(attached))
 
-    def opened():
-        return open_link("hwgrep://37C5:1206")
-
     ours, port = plug_in()
     attached.append(port)
-    reader = LinkReader(opened, retry=True)
+    reader = LinkReader(lambda: open_link("hwgrep://37C5:1206"), retry=True)
     try:
         os.write(ours, b"first")
-        chunk = reader.take(10)
-        assert chunk is not None
-        assert chunk.data == b"first"
+        assert reader.take(10).data == b"first"
         attached.clear()
         ours_then, port_then = plug_in()
         assert port_then.device != port.device

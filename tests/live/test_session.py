@@ -19,13 +19,12 @@ from pathlib import Path
 import numba
 import numpy as np
 import pytest
-from edge_vpr_tools.cli import main
 
 import edge_vpr as ev
 from edge_vpr import LiveSession, SessionFiles
 from edge_vpr.compiling import to_kernel_state
 from edge_vpr.errors import UsageError
-from edge_vpr.events import Events, Sensor, join_events, make_events
+from edge_vpr.events import Sensor, join_events, make_events
 from edge_vpr.live.bridge import Bridge, LineFaults, open_device_link
 from edge_vpr.live.links import LinkError
 from edge_vpr.live.position import Locator, PathPosition
@@ -36,7 +35,7 @@ from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.route import Route
 from edge_vpr.settings import Settings
 from edge_vpr.simulation import simulate_pair
-from tests.live.devices import DEVICES, play
+from tests.live.devices import DEVICES, play, sent_by
 from tests.streams import Drive, matched_live, random_events, split_events
 
 ROOT = Path(__file__).parents[2]
@@ -284,9 +283,7 @@ def offline(reference, events):
 
 def write_sent(path, events, sensor=SENSOR):
     """Write what a camera sends of events, in one piece or in some; return the path."""
-    encoder = open_encoder("evpr", sensor)
-    parts = map(encoder.encode, [events] if isinstance(events, Events) else events)
-    path.write_bytes(encoder.start() + b"".join(parts))
+    path.write_bytes(sent_by(events, sensor))
     return path
 
 
@@ -300,12 +297,8 @@ def test_the_matches_of_every_protocol_are_those_of_the_recording(
         events.t -= events["t"][0]  # time 0 is then that of the first event
     address, _, thread = camera(device, events)
     matches = []
-    with LiveSession(
-        ev.Line(address, reconnect=False, on_overload="wait"),
-        protocol=host,
-        reference=route,
-        max_age="60s",
-    ) as session:
+    line = ev.Line(address, reconnect=False, on_overload="wait")
+    with LiveSession(line, protocol=host, reference=route, max_age="60s") as session:
         if taken == "iterated":
             matches = list(session)
         end = time.monotonic() + 30
@@ -362,10 +355,7 @@ class Line:
 
 @pytest.mark.parametrize("kind", ["pty", "pipe", "socket"])
 def test_a_link_that_is_open_already_is_taken(kind, route, query):
-    line, encoder = Line(kind), open_encoder("evpr", SENSOR)
-    sent = encoder.start() + b"".join(
-        encoder.encode(query[i : i + 1_000]) for i in range(0, query.size, 1_000)
-    )
+    line, sent = Line(kind), sent_by(Drive(query, SENSOR), SENSOR)
     expected = offline(route, query)["place"].tolist()
     places = []
     with LiveSession(
@@ -483,8 +473,7 @@ def test_a_camera_that_comes_back_under_another_name_is_told_to_the_end(route, q
     """Nobody can count what it sends there."""
     device = open_device_link("virtual")
     with LiveSession(device.address, protocol="evpr", reference=route) as session:
-        encoder = open_encoder("evpr", SENSOR)
-        device.write(encoder.start() + encoder.encode(query[:500]), 5.0)
+        device.write(sent_by(query[:500], SENSOR), 5.0)
         wait_until(lambda: session.health.decoded == 500, session)
         device.close()
         wait_until(lambda: session.status.lost_link, session)
@@ -651,21 +640,19 @@ def test_a_known_route_is_matched_while_a_map_with_other_settings_is_made(route,
     assert files.update is None
 
 
-def test_a_known_map_learns_the_drive_that_it_is_matched_with(street, tmp_path, capsys):
+def test_a_known_map_learns_the_drive_that_it_is_matched_with(street, tmp_path, run):
     """As it does from a recording, with its own settings, and not those of matching live."""
     folder, target = street[0], tmp_path / "learnt.npz"
     events, sent = join_events(list(open_recording(folder / "query.npz"))), tmp_path / "sent.bin"
     reference = ReferenceMap.load(folder / "map.npz")
     sensor = reference.pixel_map.sensor
     write_sent(sent, Drive(events, sensor), sensor)
-    words = ["--port", sent, "--protocol", "evpr", "--map", folder / "map.npz", "--learn"]
-    assert main([str(word) for word in ("stream", *words, "-o", target)]) == 0
+    words = ["stream", "--port", sent, "--protocol", "evpr", "--map", folder / "map.npz"]
+    shown = run(*words, "--learn", "-o", target).out
     expected = reference.update(folder / "query.npz")
     assert ReferenceMap.load(target) == expected.reference != reference
-    assert (
-        f"{target}: {len(reference)} places (at half windows) at 150 pixels; {expected}"
-        in capsys.readouterr().out
-    )
+    places = f"{len(reference)} places (at half windows) at 150 pixels"
+    assert f"{target}: {places}; {expected}" in shown
     # of a preset, the number of places per window is auto: the map's
     settings = replace(reference.settings, places_per_window=None)
     files = SessionFiles(learn=target, settings=settings, overwrite=True)
@@ -674,8 +661,7 @@ def test_a_known_map_learns_the_drive_that_it_is_matched_with(street, tmp_path, 
     assert files.learnt == expected.reference
     part = events[events["t"] < 0.6 * events["t"][-1]]
     write_sent(sent, part, sensor)
-    assert main([str(word) for word in ("stream", *words, "-o", tmp_path / "more.npz")]) == 2
-    shown = capsys.readouterr().err
+    shown = run(*words, "--learn", "-o", tmp_path / "more.npz", code=2).err
     assert re.search(r"the drive shows \d+% of the route, and at least 90% is needed", shown)
     assert "more_drive.npz -o " in shown
     assert "more.npz makes a new map of it, and adds nothing to the old one\n" in shown
@@ -705,17 +691,24 @@ def test_a_map_in_place_of_a_port_is_called_a_map(route, tmp_path):
         LiveSession(tmp_path / "map.npz", protocol="evpr", sensor=SENSOR)
 
 
-@pytest.mark.parametrize("what", ["record", "learn"])
-def test_files_are_looked_at_before_the_link_is_opened(what, tmp_path):
+@pytest.mark.parametrize(
+    ("files", "says"),
+    [
+        ({"record": "here.npz"}, "exists: name another, or replace it with overwrite=True"),
+        ({"learn": "here.npz"}, "exists: name another, or replace it with overwrite=True"),
+        ({"record": "no/new.npz"}, "is not a folder"),
+        ({"learn": "no/new.npz"}, "is not a folder"),
+        ({"record": "drive.xyz"}, r"drive.*: expected \.bin for bytes, or \.npz"),
+        ({"record": "drive"}, r"drive.*: expected \.bin for bytes, or \.npz"),
+        ({"learn": "x.txt"}, r"x.txt does not end in .npz: name the map"),
+    ],
+)
+def test_files_are_looked_at_before_the_link_is_opened(files, says, tmp_path, monkeypatch):
     """Also the map to learn, which would replace that of another drive."""
-    (tmp_path / "here.npz").touch()
-    for name, says in (
-        ("here.npz", "exists: name another, or replace it with overwrite=True"),
-        ("no/new.npz", "is not a folder"),
-    ):
-        with pytest.raises(UsageError, match=says):
-            files = SessionFiles(**{what: tmp_path / name})
-            LiveSession("/dev/null0", protocol="evpr", sensor=SENSOR, files=files)
+    monkeypatch.chdir(tmp_path)
+    Path("here.npz").touch()
+    with pytest.raises(UsageError, match=says):
+        LiveSession("/dev/null0", protocol="evpr", sensor=SENSOR, files=SessionFiles(**files))
 
 
 def test_a_map_of_a_larger_sensor_than_the_streams_is_a_warning(route, tmp_path):
@@ -728,23 +721,6 @@ def test_a_map_of_a_larger_sensor_than_the_streams_is_a_warning(route, tmp_path)
             pass
     (text,) = (message.text for message in said if message.kind == "device")
     assert "sensor is smaller than 64x48" in text and "use the map of this camera" in text
-
-
-def test_a_map_to_learn_has_the_suffix_of_a_map(tmp_path, capsys):
-    """As the map that `edge-vpr map` makes; said before a link is opened."""
-    with pytest.raises(UsageError, match=r"x.txt does not end in .npz: name the map"):
-        files = SessionFiles(learn=tmp_path / "x.txt")
-        LiveSession("/dev/null0", protocol="evpr", sensor=SENSOR, files=files)
-    words = ["--port", "/dev/null0", "--protocol", "evpr", "--sensor", "64x48", "--learn"]
-    assert main(["stream", *words, "-o", str(tmp_path / "x.txt")]) == 2
-    assert "x.txt does not end in .npz: name the map" in capsys.readouterr().err
-
-
-def test_a_recording_that_cannot_be_written_is_refused_before_the_drive(tmp_path):
-    for name in ("drive.xyz", "drive"):
-        with pytest.raises(UsageError, match=r"drive.*: expected \.bin for bytes, or \.npz"):
-            files = SessionFiles(record=tmp_path / name)
-            LiveSession("/dev/null0", protocol="evpr", sensor=SENSOR, files=files)
 
 
 @pytest.mark.parametrize(
@@ -879,15 +855,11 @@ def test_a_camera_that_has_not_begun_does_not_stall(query, monkeypatch):
     with LiveSession(line.host, protocol="evpr", sensor=SENSOR, on_message=said.append) as session:
         wait_until(lambda: said, session)
         assert session.health.stalls == 0
-        encoder = open_encoder("evpr", SENSOR)
-        line.write(encoder.start() + encoder.encode(query[:500]))
+        line.write(sent_by(query[:500], SENSOR))
         wait_until(lambda: session.health.stalls == 1, session)
     line.close()
-    assert [(message.kind, message.over) for message in said] == [
-        ("stalled", False),
-        ("stalled", True),
-        ("stalled", False),
-    ]
+    told = [(message.kind, message.over) for message in said]
+    assert told == [("stalled", over) for over in (False, True, False)]
 
 
 def test_another_place_is_counted_in_the_health(street, tmp_path):

@@ -25,7 +25,7 @@ from edge_vpr.live.stream_matcher import StreamMatcher
 from edge_vpr.online.localiser import Localiser
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.simulation import simulate_pair
-from tests.live.devices import DEVICES, play
+from tests.live.devices import DEVICES, play, sent_by
 from tests.streams import Drive, split_events
 
 ROOT = Path(__file__).parents[2]
@@ -314,8 +314,8 @@ def test_a_state_that_cannot_be_kept_is_refused_before_the_line_is_opened(
 
 def test_a_file_is_read_without_keeping_a_state_which_is_told(street, tmp_path):
     path, events, _ = street
-    encoder, said = open_encoder("evpr", SENSOR), []
-    (tmp_path / "sent.bin").write_bytes(encoder.start() + encoder.encode(between(events, 0, 3)))
+    said = []
+    (tmp_path / "sent.bin").write_bytes(sent_by(between(events, 0, 3), SENSOR))
     with LiveSession(
         tmp_path / "sent.bin", protocol="evpr", reference=path, on_message=said.append,
         files=SessionFiles(state=tmp_path / "run.state"),

@@ -19,7 +19,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 from edge_vpr_tools import live_view
-from edge_vpr_tools.cli import main
 
 from edge_vpr.descriptors.cleaning import BurstFilter
 from edge_vpr.errors import MapError, UsageError
@@ -35,7 +34,7 @@ from edge_vpr.recordings import open_recording, write_recording
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.route import Route
 from edge_vpr.settings import Settings
-from tests.live.devices import play
+from tests.live.devices import play, rows_of, sent_by, wait_until
 from tests.streams import Drive, matched_live, random_events, split_events
 
 SENSOR = Sensor(64, 48)
@@ -69,21 +68,21 @@ def events(drive):
 @pytest.fixture(scope="module")
 def sent(drive):
     """The query as a file of bytes."""
-    events = join_events(list(open_recording(drive / "query.npz")))
-    encoder = open_encoder("evpr", SENSOR)
     path = drive / "sent.bin"
-    path.write_bytes(encoder.start() + encoder.encode(events))
+    path.write_bytes(sent_by(open_recording(drive / "query.npz"), SENSOR))
     return path
+
+
+@pytest.fixture
+def streamed(run):
+    """Run `stream`; return what it printed."""
+    return lambda *words, code=0: run("stream", "--protocol", "evpr", *words, code=code)
 
 
 def played(port, protocol, folder, **how):
     """A camera that replays the query."""
     recording = open_recording(folder / "query.npz", chunk_events=1_000)
     return play(recording, SENSOR, protocol, port, **how)
-
-
-def rows_of(path, kind):
-    return [row for row in map(json.loads, path.read_text().splitlines()) if row["kind"] == kind]
 
 
 @pytest.mark.parametrize(
@@ -97,7 +96,7 @@ def rows_of(path, kind):
     ],
 )
 def test_live_matches_are_the_offline_ones_to_the_bit(
-    port, protocol, drive, reference, tmp_path, request
+    port, protocol, drive, reference, tmp_path, request, run
 ):
     if port == "virtual":
         request.getfixturevalue("any_baud")
@@ -106,8 +105,7 @@ def test_live_matches_are_the_offline_ones_to_the_bit(
     log, raw, events = tmp_path / "run.jsonl", tmp_path / "raw.bin", tmp_path / "events.npz"
     words = ["stream", "--port", address, "--protocol", host, "--map", drive / "map.npz", "--once"]
     words += ["--every", "event", "--log", log, "--record", raw, "--record", events]
-    words += ["--on-overload", "wait", "--max-age", "60s", "--baud", "12000000"]
-    assert main([str(word) for word in words]) == 0
+    run(*words, "--on-overload", "wait", "--max-age", "60s", "--baud", "12000000")
     thread.join(timeout=5)
     assert not thread.is_alive()
     assert bridge.sent_events == 40_000
@@ -120,15 +118,11 @@ def test_live_matches_are_the_offline_ones_to_the_bit(
     assert not any(row["missing"] for row in rows)
     # null in JSON where they are not a number
     unknown = ("ratio", "probability", "second_distance")
-    not_live = ("ties",)  # which files have alone
-    names = [name for name in expected.dtype.names if name not in unknown + not_live]
-    for name in names:
-        in_s = name.endswith("_us")
-        column = expected[name] / 1e6 if in_s else expected[name]
-        assert [row[name.replace("_us", "_s")] for row in rows] == column.tolist()
-    for name in unknown:
-        column = np.array([row[name] for row in rows], dtype=float)
-        assert np.array_equal(column, expected[name], equal_nan=True)
+    for name in set(expected.dtype.names) - {"ties"}:  # which files have alone
+        column = np.array([row[name.replace("_us", "_s")] for row in rows])
+        column = column.astype(float) if name in unknown else column
+        wanted = expected[name] / 1e6 if name.endswith("_us") else expected[name]
+        assert np.array_equal(column, wanted, equal_nan=name in unknown), name
     (summary,) = rows_of(log, "summary")
     assert (summary["events"], summary["lost"], summary["resyncs"]) == (40_000, 0, 0)
     assert summary["bytes"] == raw.stat().st_size
@@ -162,15 +156,14 @@ def walks(shared_data, tmp_path_factory):
     ("port", "protocol"), [("virtual", "edvs:format=E4"), ("tcp://127.0.0.1:0", "evpr")]
 )
 def test_a_real_walk_of_nine_million_events_is_matched_live_as_offline(
-    port, protocol, walks, tmp_path
+    port, protocol, walks, tmp_path, run
 ):
     walk = open_recording(walks / "query.npz", chunk_events=20_000)
     address, _, thread = play(walk, Sensor(128, 128), protocol, port)
     log = tmp_path / "run.jsonl"
     words = ["stream", "--port", address, "--protocol", protocol.partition(":")[0]]
     words += ["--map", walks / "map.npz", "--once", "--every", "100ms", "--log", log]
-    words += ["--on-overload", "wait", "--max-age", "60s"]
-    assert main([str(word) for word in words]) == 0
+    run(*words, "--on-overload", "wait", "--max-age", "60s")
     thread.join(timeout=5)
     reference = ReferenceMap.load(walks / "map.npz")
     recording = open_recording(walks / "query.npz")
@@ -184,13 +177,14 @@ def test_a_real_walk_of_nine_million_events_is_matched_live_as_offline(
     assert (summary["events"], summary["decoded"], summary["lost"]) == (9_234_993, 9_234_993, 0)
 
 
-def test_what_a_bad_line_loses_is_counted_and_the_matches_around_it_are_flagged(drive, tmp_path):
+def test_what_a_bad_line_loses_is_counted_and_the_matches_around_it_are_flagged(
+    drive, tmp_path, streamed
+):
     faults = LineFaults.parse("drop=1e-4,flip=1e-5,insert=1e-5,garbage=500")
     address, _, thread = played("tcp://127.0.0.1:0", "evpr:frame=256", drive, faults=faults)
     log = tmp_path / "run.jsonl"
-    words = ["stream", "--port", address, "--protocol", "evpr", "--map", drive / "map.npz"]
-    words += ["--once", "--log", log, "--on-overload", "wait", "--every", "10ms"]
-    assert main([str(word) for word in words]) == 0
+    words = ["--port", address, "--map", drive / "map.npz", "--once", "--log", log]
+    streamed(*words, "--on-overload", "wait", "--every", "10ms")
     thread.join(timeout=5)
     (summary,) = rows_of(log, "summary")
     assert summary["lost"] > 0
@@ -202,14 +196,13 @@ def test_what_a_bad_line_loses_is_counted_and_the_matches_around_it_are_flagged(
 
 
 @pytest.mark.alone  # in real time
-def test_a_reader_of_lines_learns_that_the_camera_is_silent(drive, tmp_path):
+def test_a_reader_of_lines_learns_that_the_camera_is_silent(drive, tmp_path, streamed):
     """The last line of a silence would else be a match that is not lost."""
     faults = LineFaults.parse("stall=1@1.2")
     address, _, thread = played("virtual", "evpr", drive, speed=1.0, faults=faults)
     log = tmp_path / "run.jsonl"
-    words = ["stream", "--port", address, "--protocol", "evpr", "--map", drive / "map.npz"]
-    words += ["--once", "--log", log, "--max-age", "500ms", "--baud", "12000000"]
-    assert main([str(word) for word in words]) == 0
+    words = ["--port", address, "--map", drive / "map.npz", "--once", "--log", log]
+    streamed(*words, "--max-age", "500ms", "--baud", 12_000_000)
     thread.join(timeout=5)
     rows = rows_of(log, "match")
     (last,) = (i for i in range(1, len(rows)) if rows[i]["time_s"] == rows[i - 1]["time_s"])
@@ -419,13 +412,6 @@ def test_a_signal_ends_a_run_with_its_summary_and_its_files(drive, tmp_path):
     at_once(interrupted_by, signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 
 
-def wait_until(condition, seconds=30):
-    end = time.monotonic() + seconds
-    while not condition():
-        assert time.monotonic() < end
-        time.sleep(0.01)
-
-
 def greeted(link):
     """Wait until the host has said that it is there."""
     wait_until(lambda: link.read(0.1))
@@ -470,6 +456,7 @@ def sent_all(link, data):
     ("words", "says"),
     [
         (["--learn"], "belong together"),
+        (["--sensor", "4x4", "--learn", "-o", "x.txt"], "x.txt does not end in .npz: name the map"),
         ([], "pass --sensor WIDTHxHEIGHT or --map"),
         (["--sensor", "4x4", "--protocol", "x"], "choose one of evpr"),
         (["--sensor", "4x4", "--record", "a.npz", "--record", "b.npz"], "one file of events"),
@@ -478,58 +465,48 @@ def sent_all(link, data):
         (["--map", "map.npz", "--counter-bits", "4"], "--counter-bits belongs to making a map"),
     ],
 )
-def test_wrong_use_of_stream_is_one_line(words, says, capsys):
-    assert main(["stream", "--port", "/dev/null0", "--protocol", "evpr", *words]) == 2
-    err = capsys.readouterr().err.strip()
-    assert says in err
-    assert "\n" not in err
+def test_wrong_use_of_stream_is_one_line(words, says, refused):
+    assert says in refused("stream", "--port", "/dev/null0", "--protocol", "evpr", *words)
 
 
-def streamed(*words):
-    return main(["stream", "--protocol", "evpr", *map(str, words)])
-
-
-def test_what_is_read_is_never_written_over(drive, sent, capsys):
+def test_what_is_read_is_never_written_over(drive, sent, streamed):
     before, reference = sent.read_bytes(), drive / "map.npz"
     for words in (["--record", sent], ["--record", drive / ".." / drive.name / "sent.bin"],
                   ["--log", reference], ["--record", "a.bin", "--log", "a.bin"]):  # fmt: skip
-        assert streamed("--port", sent, "--map", reference, "--overwrite", *words) == 2
-        assert "is named twice" in capsys.readouterr().err
+        said = streamed("--port", sent, "--map", reference, "--overwrite", *words, code=2).err
+        assert "is named twice" in said
     assert sent.read_bytes() == before
     assert len(ReferenceMap.load(reference)) > 1
 
 
-def test_a_camera_that_is_not_there_costs_no_file_of_the_run_before(drive, tmp_path):
+def test_a_camera_that_is_not_there_costs_no_file_of_the_run_before(drive, tmp_path, streamed):
     files = [tmp_path / name for name in ("raw.bin", "run.jsonl", "events.npz")]
     for file in files:
         file.write_bytes(b"of the run before")
-    words = ["--record", files[0], "--log", files[1], "--record", files[2], "--overwrite"]
-    words += ["--once"]
-    assert streamed("--port", tmp_path / "ttyNone", "--map", drive / "map.npz", *words) == 1
+    words = ["--record", files[0], "--log", files[1], "--record", files[2], "--overwrite", "--once"]
+    streamed("--port", tmp_path / "ttyNone", "--map", drive / "map.npz", *words, code=1)
     assert {file.read_bytes() for file in files} == {b"of the run before"}
 
 
-def test_a_full_disk_ends_its_file_and_not_the_run(drive, sent, tmp_path, capsys):
+def test_a_full_disk_ends_its_file_and_not_the_run(drive, sent, tmp_path, streamed):
     full = tmp_path / "full.bin"
     full.symlink_to("/dev/full")
     log = tmp_path / "run.jsonl"
     words = ["--port", sent, "--map", drive / "map.npz", "--overwrite", "--every", "10ms"]
-    assert streamed(*words, "--record", full, "--log", log) == 1
-    told = capsys.readouterr()
+    told = streamed(*words, "--record", full, "--log", log, code=1)
     assert f"{full} ends early: No space left on device: check" in told.out
     assert "going on without it" in told.out
     assert "ends early" in told.err
     assert rows_of(log, "summary")[0]["events"] == 40_000
     assert len(rows_of(log, "file")) == 1
     events = tmp_path / "events.npz"
-    assert streamed(*words, "--log", "/dev/full", "--record", events) == 1
-    assert "/dev/full ends early" in capsys.readouterr().err
+    told = streamed(*words, "--log", "/dev/full", "--record", events, code=1)
+    assert "/dev/full ends early" in told.err
     assert sum(part.size for part in open_recording(events)) == 40_000
 
 
 FULL_DISK = """
 import resource, signal, sys
-from edge_vpr_tools.cli import main
 signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
 resource.setrlimit(resource.RLIMIT_FSIZE, (50_000, 50_000))
 sys.exit(main(sys.argv[1:]))
@@ -542,11 +519,8 @@ def test_a_disk_that_fills_under_a_recording_ends_it_and_not_the_run(suffix, dri
     """In a process of its own, since the limit holds for all of its files."""
     target = tmp_path / f"events{suffix}"
     words = ["stream", "--protocol", "evpr", "--port", sent, "--map", drive / "map.npz"]
-    done = subprocess.run(
-        [sys.executable, "-c", FULL_DISK, *map(str, words), "--record", target],
-        capture_output=True,
-        text=True,
-    )
+    program = [sys.executable, "-c", FULL_DISK, *map(str, words), "--record", target]
+    done = subprocess.run(program, capture_output=True, text=True)
     assert done.returncode == 1
     assert f"{target} cannot be written: " in done.stdout
     assert "File too large" in done.stdout
@@ -563,10 +537,7 @@ def test_a_killed_run_that_learns_is_cleared_at_the_next_one(sent, tmp_path):
     try:
         run.stdin.write(sent.read_bytes())
         run.stdin.flush()
-        end = time.monotonic() + 60
-        while not list(tmp_path.glob(".*/.*/drive.npz*")):
-            assert run.poll() is None and time.monotonic() < end
-            time.sleep(0.02)
+        wait_until(lambda: list(tmp_path.glob(".*/.*/drive.npz*")), 60)
     finally:
         run.kill()
         run.wait()
@@ -576,27 +547,24 @@ def test_a_killed_run_that_learns_is_cleared_at_the_next_one(sent, tmp_path):
     assert [path.name for path in tmp_path.iterdir()] == ["next.npz"]
 
 
-def test_a_quiet_run_prints_nothing_and_writes_what_it_should(sent, drive, tmp_path, capsys):
+def test_a_quiet_run_prints_nothing_and_writes_what_it_should(sent, drive, tmp_path, streamed):
     output, log = tmp_path / "map.npz", tmp_path / "run.jsonl"
-    words = ["--port", sent, "--sensor", "64x48", "--learn", "-o", output, "--pixels", "20"]
-    assert streamed(*words, "--sigma", "1", "--tau", "100ms", "-q") == 0
+    words = ["--port", sent, "--sensor", "64x48", "--learn", "-o", output, "--pixels", 20]
+    assert streamed(*words, "--sigma", 1, "--tau", "100ms", "-q") == ("", "")
     assert output.exists()
-    assert streamed("--port", sent, "--map", drive / "map.npz", "--log", log, "-q") == 0
+    words = ["--port", sent, "--map", drive / "map.npz", "--log", log, "-q"]
+    assert streamed(*words) == ("", "")
     assert rows_of(log, "match")
-    told = capsys.readouterr()
-    assert (told.out, told.err) == ("", "")
 
 
-def test_json_rows_have_the_position_of_a_map_with_a_track(sent, tmp_path, capsys, reference):
+def test_json_rows_have_the_position_of_a_map_with_a_track(sent, tmp_path, streamed, reference):
     """That of the robot at `time_s`, where the map knows it."""
     along = np.where(np.arange(len(reference)) % 9 == 3, np.nan, np.arange(len(reference)) * 2.5)
     route = Route(np.stack([along, 7 + along], axis=1), along, "metric")
     located = dataclasses.replace(reference, route=route)
     located.save(tmp_path / "map.npz")
     words = ["--port", sent, "--map", tmp_path / "map.npz", "--every", "100ms", "--json"]
-    assert streamed(*words) == 0
-    rows = [json.loads(line) for line in capsys.readouterr().out.splitlines()]
-    matches = [row for row in rows if row["kind"] == "match"]
+    matches = rows_of(streamed(*words).out, "match")
     assert len(matches) > 10
     placed = [row for row in matches if row["along_m"] is not None]
     assert 0 < len(placed) < len(matches)
@@ -608,79 +576,73 @@ def test_json_rows_have_the_position_of_a_map_with_a_track(sent, tmp_path, capsy
     assert all(row["x_m"] is None for row in matches if row["along_m"] is None)
 
 
-def test_a_drive_that_makes_no_map_is_kept(sent, tmp_path, capsys):
+def test_a_drive_that_makes_no_map_is_kept(sent, tmp_path, streamed):
     output = tmp_path / "map.npz"
+    words = ["--sensor", "64x48", "--learn", "-o", output, "--pixels", 100_000, "--port"]
     for name in ("map_drive.npz", "map_drive1.npz"):
-        words = ["--port", sent, "--sensor", "64x48", "--learn", "-o", output]
-        assert streamed(*words, "--pixels", "100000") == 2
-        err = capsys.readouterr().err
+        err = streamed(*words, sent, code=2).err
         assert f"the drive is kept: edge-vpr map {tmp_path / name} -o {output}" in err
         assert sum(part.size for part in open_recording(tmp_path / name)) == 40_000
     assert sorted(path.name for path in tmp_path.iterdir()) == ["map_drive.npz", "map_drive1.npz"]
     empty = tmp_path / "empty.bin"
     empty.write_bytes(b"")
-    assert streamed("--port", empty, "--sensor", "64x48", "--learn", "-o", output) == 1
-    assert f"no events came from {empty}" in capsys.readouterr().err
+    assert f"no events came from {empty}" in streamed(*words, empty, code=1).err
     assert not output.exists()
 
 
-@pytest.mark.parametrize("protocol", ["evpr", "evt3", "edvs"])
-def test_bytes_of_another_protocol_are_told_at_once(protocol, drive, tmp_path, capsys):
-    noise = tmp_path / "noise.bin"
-    noise.write_bytes(np.random.default_rng(0).bytes(30_000))
-    words = ["--port", noise, "--sensor", "64x48", "--protocol", protocol]
-    assert main(["stream", *map(str, words)]) == 1
-    told = capsys.readouterr()
+@pytest.mark.parametrize(
+    ("protocol", "name"),
+    [("evpr", "a.bin"), ("evt3", "a.bin"), ("edvs", "a.bin"), ("evt3", "a.raw")],
+)
+def test_bytes_of_another_protocol_are_told_at_once(protocol, name, tmp_path, run):
+    """Also in a file that is called like a recording, and lacks its header."""
+    (tmp_path / name).write_bytes(np.random.default_rng(0).bytes(30_000))
+    words = ["stream", "--port", tmp_path / name, "--sensor", "64x48", "--protocol", protocol]
+    told = run(*words, code=1)
     for text in told:
         assert "of this protocol: check --protocol" in text
     assert "events lost on the way" not in told.out
 
 
-def test_a_camera_that_sent_nothing_is_an_error(tmp_path, capsys):
+def test_a_camera_that_sent_nothing_is_an_error(tmp_path, streamed):
     (tmp_path / "empty.bin").write_bytes(b"")
-    assert streamed("--port", tmp_path / "empty.bin", "--sensor", "64x48") == 1
-    assert "no bytes came: check that this is the camera's port" in capsys.readouterr().err
+    said = streamed("--port", tmp_path / "empty.bin", "--sensor", "64x48", code=1).err
+    assert "no bytes came: check that this is the camera's port" in said
 
 
-def test_a_recording_is_no_port(drive, tmp_path, capsys):
+def test_a_recording_is_no_port(drive, tmp_path, streamed):
     raw = tmp_path / "camera.raw"
     raw.write_bytes(b"% evt 3.0\n% end\n" + bytes(64))
     for recording in (drive / "query.npz", raw):
-        assert streamed("--port", recording, "--sensor", "64x48") == 2
-        assert "match it with edge-vpr match --online" in capsys.readouterr().err
-    # without the header they can be bytes of a camera
-    raw.write_bytes(np.random.default_rng(0).bytes(30_000))
-    assert streamed("--port", raw, "--sensor", "64x48") == 1
-    assert "of this protocol: check --protocol" in capsys.readouterr().err
+        said = streamed("--port", recording, "--sensor", "64x48", code=2).err
+        assert "match it with edge-vpr match --online" in said
 
 
-def test_events_of_another_sensor_are_told_at_once(sent, capsys):
-    assert streamed("--port", sent, "--sensor", "8x48") == 1
-    assert " events are not on this sensor: check --sensor" in capsys.readouterr().out
+def test_events_of_another_sensor_are_told_at_once(sent, streamed):
+    said = streamed("--port", sent, "--sensor", "8x48", code=1).out
+    assert " events are not on this sensor: check --sensor" in said
 
 
-def test_the_bridge_says_how_it_is_read(drive, capsys):
+@pytest.mark.parametrize(
+    ("protocol", "host"), [("aer:layout=jaer8", "aer:layout=jaer8"), ("evpr:width=3", "evpr")]
+)
+def test_the_bridge_says_how_it_is_read(protocol, host, drive, run):
     """A layout cannot be found out from the bytes, and a width is in every frame."""
-    for protocol, host in (("aer:layout=jaer8", "aer:layout=jaer8"), ("evpr:width=3", "evpr")):
-        words = ["bridge", drive / "query.npz", "--protocol", protocol, "--speed", "0"]
-        assert main([*map(str, words), "--port", "udp://127.0.0.1:9"]) == 0
-        told = capsys.readouterr().out
-        said = f"edge-vpr stream --port udp://127.0.0.1:9 --protocol {host} --sensor 64x48 --map "
-        assert said in told
+    words = ["bridge", drive / "query.npz", "--protocol", protocol, "--speed", 0]
+    said = f"edge-vpr stream --port udp://127.0.0.1:9 --protocol {host} --sensor 64x48 --map "
+    assert said in run(*words, "--port", "udp://127.0.0.1:9").out
 
 
-def test_a_bridge_that_is_stopped_twice_has_no_file_to_speak_of(drive, monkeypatch, capsys):
+def test_a_bridge_that_is_stopped_twice_has_no_file_to_speak_of(drive, monkeypatch, run):
     """As by `timeout`, which signals the command and its group."""
 
-    def run(bridge, recording):
+    def stopped(bridge, recording):
         for _ in range(2):
             signal.raise_signal(signal.SIGTERM)
 
-    monkeypatch.setattr(Bridge, "run", run)
-    assert main(["bridge", str(drive / "query.npz")]) == 0
-    shown = capsys.readouterr()
-    assert shown.out.splitlines()[-1] == "sent 0 events in 0 bytes"
-    assert shown.err == ""
+    monkeypatch.setattr(Bridge, "run", stopped)
+    out, err = run("bridge", drive / "query.npz")
+    assert out.splitlines()[-1] == "sent 0 events in 0 bytes" and err == ""
 
 
 @pytest.mark.slow
@@ -704,9 +666,8 @@ def test_a_device_over_udp_needs_no_greeting_and_loses_nothing_unsaid(drive, tmp
     ("speed", "says"),
     [("-1", "give 1 for real time"), ("nan", "finite number"), ("inf", "finite number")],
 )
-def test_a_speed_that_makes_no_sense_is_refused(speed, says, drive, capsys):
-    assert main(["bridge", str(drive / "query.npz"), f"--speed={speed}"]) == 2
-    assert says in capsys.readouterr().err
+def test_a_speed_that_makes_no_sense_is_refused(speed, says, drive, refused):
+    assert says in refused("bridge", drive / "query.npz", f"--speed={speed}")
 
 
 def step_of(result, late_s=0.0):
@@ -794,25 +755,19 @@ def test_a_line_of_status_comes_in_time_and_at_each_change(sent, capsys, monkeyp
     assert len(lines_after()) == 1
 
 
-def test_ports_are_listed(capsys, monkeypatch):
+def test_ports_are_listed(run, monkeypatch):
     from serial.tools import list_ports
     from serial.tools.list_ports_common import ListPortInfo
 
     ports = [ListPortInfo("/dev/ttyUSB0"), ListPortInfo("/dev/ttyACM0"), ListPortInfo("/dev/ttyS0")]
     ports[1].vid, ports[1].pid, ports[1].description = 0x37C5, 0x1206, "OpenMV N6"
     monkeypatch.setattr(list_ports, "comports", lambda: ports)
-    assert main(["ports", "--json"]) == 0
-    rows = json.loads(capsys.readouterr().out)
-    assert [(row["port"], row["usb"]) for row in rows] == [
-        ("/dev/ttyACM0", "37c5:1206"),
-        ("/dev/ttyS0", None),
-        ("/dev/ttyUSB0", None),
-    ]
-    assert main(["ports"]) == 0
-    assert capsys.readouterr().out.splitlines()[0] == "/dev/ttyACM0  37c5:1206  OpenMV N6"
+    assert [(row["port"], row["usb"]) for row in json.loads(run("ports", "--json").out)] == [
+        ("/dev/ttyACM0", "37c5:1206"), ("/dev/ttyS0", None), ("/dev/ttyUSB0", None),
+    ]  # fmt: skip
+    assert run("ports").out.splitlines()[0] == "/dev/ttyACM0  37c5:1206  OpenMV N6"
     monkeypatch.setattr(list_ports, "comports", list)
-    assert main(["ports"]) == 0
-    assert "no serial ports" in capsys.readouterr().out
+    assert "no serial ports" in run("ports").out
 
 
 def bench(name):

@@ -5,6 +5,8 @@ from __future__ import annotations
 import json
 from collections.abc import Callable
 from dataclasses import fields, replace
+from functools import reduce
+from operator import xor
 from pathlib import Path
 
 import numpy as np
@@ -94,7 +96,7 @@ def write_originals(folder: Path) -> dict[str, list[Path]]:
         new("settings", ".toml").write_text('preset = "tiny"\n' + "\n".join(toml))
     rmc = "GPRMC,120000.00,A,2730.39720,S,15254.66132,E,10.0,90.0,010124,,"
     sentences = [rmc.replace("120000", f"12000{i}") for i in range(5)]
-    new("track", ".nmea").write_text("".join(f"${s}*{checksum(s):02X}\r\n" for s in sentences))
+    new("track", ".nmea").write_text("".join(map(sentence, sentences)))
     points = "".join(
         f'<trkpt lat="-27.500{i}" lon="152.9"><time>2024-01-01T12:00:0{i}Z</time></trkpt>'
         for i in range(5)
@@ -176,12 +178,9 @@ def plain_profile() -> dict[str, object]:
     }  # fmt: skip
 
 
-def checksum(body: str) -> int:
-    """Give the checksum of an NMEA sentence."""
-    total = 0
-    for byte in body.encode():
-        total ^= byte
-    return total
+def sentence(body: str) -> str:
+    """Give a sentence of NMEA with its checksum."""
+    return f"${body}*{reduce(xor, body.encode()):02X}\r\n"
 
 
 def _shown_profile(path: Path) -> object:

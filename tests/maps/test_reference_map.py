@@ -502,22 +502,6 @@ def test_settings_may_be_numbers_of_numpy(folder, route):
     )
 
 
-def test_the_facts_of_drives_and_tracks_are_in_the_report_and_the_metrics(tmp_path):
-    first, second = simulate_pair(0, "tiny", length_m=60)
-    result = ev.ReferenceMap.build(first, pixels=50).match(second)
-    judgement = result.evaluate((first.track, second.track), 10)
-    with pytest.raises(UsageError, match="tolerance_m = 25, and truth says already"):
-        result.evaluate(judgement.truth, 25)
-    facts = result.facts(judgement.truth)
-    assert [*facts] == ["reference", "query", "reference track", "query track", "routes", "light"]
-    assert [*result.facts()] == ["reference", "query", "light"]
-    result.report(tmp_path / "result", judgement)
-    page = (tmp_path / "result" / "report.html").read_text()
-    recorded = json.loads((tmp_path / "result" / "metrics.json").read_text())
-    assert recorded["facts"] == facts
-    assert all(html.escape(text) in page for text in facts.values())
-
-
 @pytest.mark.parametrize(
     ("from_s", "until_s", "says"),
     [

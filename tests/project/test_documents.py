@@ -21,7 +21,7 @@ from edge_vpr_tools.report.tables import with_tables
 from lab.__main__ import parser
 
 from edge_vpr.events import Sensor
-from edge_vpr.live.protocols import Health, open_encoder
+from edge_vpr.live.protocols import Health
 from edge_vpr.map_making import map_traverse
 from edge_vpr.match_result import OnlineMetrics
 from edge_vpr.matching.match import Match
@@ -30,6 +30,7 @@ from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.run_log import log_warning, logged_run
 from edge_vpr.settings import PRESETS
 from edge_vpr.simulation import simulate_pair
+from tests.live.devices import sent_by
 from tests.streams import Drive, random_events
 
 ROOT = Path(__file__).parents[2]
@@ -61,8 +62,7 @@ def names_for(page: str) -> dict[str, Any]:
     if page == "docs/live.md":
         events = random_events(np.random.default_rng(3), 4_000, Sensor(32, 24), 2_000_000)
         settings = PRESETS["default"].replaced({"pixels": 20, "sigma": 1.0, "tau": "100ms"}, "")
-        encoder = open_encoder("evpr", Sensor(32, 24))
-        Path("sent.bin").write_bytes(encoder.start() + encoder.encode(events))
+        Path("sent.bin").write_bytes(sent_by(events, Sensor(32, 24)))
         map_traverse(Drive(events, Sensor(32, 24)), settings).save("map.npz")
     return {}
 

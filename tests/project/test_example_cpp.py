@@ -14,10 +14,10 @@ import pytest
 from edge_vpr_tools.cli import main
 
 from edge_vpr.evaluation.tracks import with_positions
-from edge_vpr.live.protocols import open_encoder
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.settings import resolve_settings
 from edge_vpr.simulation import simulate_pair
+from tests.live.devices import sent_by
 
 CPP = Path(__file__).parents[2] / "examples" / "cpp"
 HEADER = (CPP / "edge_vpr_match.hpp").read_text()
@@ -69,9 +69,7 @@ def rows(tmp_path_factory: pytest.TempPathFactory) -> list[bytes]:
     first, _ = simulate_pair(seed=0, length_m=30.0)
     settings = resolve_settings("default", flags={"tau_us": 250_000})
     with_positions(ReferenceMap.build(first, settings), first.track).save(folder / "map.npz")
-    encoder = open_encoder("evpr", first.sensor)
-    sent = encoder.start() + b"".join(encoder.encode(events) for events in first)
-    (folder / "sent.bin").write_bytes(sent)
+    (folder / "sent.bin").write_bytes(sent_by(first, first.sensor))
     words = ["--port", folder / "sent.bin", "--protocol", "evpr", "--map", folder / "map.npz"]
     assert main(["stream", *map(str, words), "--log", str(folder / "run.jsonl")]) == 0
     return (folder / "run.jsonl").read_bytes().splitlines()

@@ -15,12 +15,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from edge_vpr_tools.cli import main
 from edge_vpr_tools.estimate.of_map import design_of, memories_of
 
 from edge_vpr import __version__
 from edge_vpr.evaluation.tracks import with_positions
-from edge_vpr.live.protocols import open_encoder
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.settings import resolve_settings
 from edge_vpr.simulation import simulate_pair
@@ -33,6 +31,7 @@ from firmware_model.vectors import Case, in_order, records, to_binary
 from firmware_model.vectors.formats import case_header
 from firmware_model.vectors.random_cases import random_memories
 from tests.firmware_model.designs import random_stream
+from tests.live.devices import sent_by
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 M4 = EXAMPLES / "firmware-m4"
@@ -47,11 +46,7 @@ def street(tmp_path_factory):
     settings = resolve_settings("default", flags={"tau_us": 250_000})
     reference = with_positions(ReferenceMap.build(first, settings), first.track)
     reference.save(folder / "map.npz")
-    encoder = open_encoder("evpr", first.sensor)
-    with (folder / "sent.bin").open("wb") as sent:
-        sent.write(encoder.start())
-        for events in first:
-            sent.write(encoder.encode(events))
+    (folder / "sent.bin").write_bytes(sent_by(first, first.sensor))
     return folder
 
 
@@ -288,22 +283,22 @@ def boot(elf: Path, flash: int = 0, ram_bytes: int = 64 << 10) -> dict[str, int]
     }
 
 
-def test_a_map_is_put_into_the_flash_of_a_board_alone(street, tmp_path, capsys):
+def test_a_map_is_put_into_the_flash_of_a_board_alone(street, tmp_path, run):
     """At its own address, by its .hex file; .bin and .h have the same bytes."""
     pytest.importorskip("ziglang", reason="ziglang is not installed (extra firmware)")
     pytest.importorskip("unicorn", reason="unicorn is not installed (extra firmware)")
-    for name in ("map.hex", "map.bin", "map.h"):
-        address = ["--address", "0x08048010"] if name == "map.hex" else []
-        words = ["convert", str(street / "map.npz"), str(tmp_path / name), *address]
-        assert main(words) == 0
+    convert, hexed = ["convert", street / "map.npz"], tmp_path / "map.hex"
+    shown = run(*convert, hexed, "--address", "0x08048010").out
+    for name in ("map.bin", "map.h"):
+        run(*convert, tmp_path / name)
     reference = ReferenceMap.load(street / "map.npz")
     memories = memories_of(reference, design_of(reference))
     flash, ram = image(memories), ram_bytes(memories.design)
     said = f"{len(flash):,} bytes of flash at 0x08048010; {ram + 252:,} bytes of RAM: {ram:,} for"
-    assert said in capsys.readouterr().out
+    assert said in shown
     # as a programmer reads the file
     board, upper = Emulator(EMULATED[1], build(EMULATED[1], tmp_path)), 0
-    for line in (tmp_path / "map.hex").read_text("ascii").split():
+    for line in hexed.read_text("ascii").split():
         size, at, kind = struct.unpack(">BHB", bytes.fromhex(line[1:9]))
         data = bytes.fromhex(line[9 : 9 + 2 * size])
         if kind == 4:
@@ -339,10 +334,9 @@ def test_a_map_is_put_into_the_flash_of_a_board_alone(street, tmp_path, capsys):
         (["map.hex", "--address", "0xFFFFFFF0"], "bytes would end beyond 32 bits"),
     ],
 )
-def test_a_map_that_cannot_lie_there_is_not_written(street, tmp_path, capsys, words, says):
+def test_a_map_that_cannot_lie_there_is_not_written(street, tmp_path, refused, words, says):
     name, *flags = words
-    assert main(["convert", str(street / "map.npz"), str(tmp_path / name), *flags]) == 2
-    assert says in capsys.readouterr().err
+    assert says in refused("convert", street / "map.npz", tmp_path / name, *flags)
     assert list(tmp_path.iterdir()) == []
 
 

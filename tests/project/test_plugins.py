@@ -18,6 +18,7 @@ from edge_vpr.events import Sensor, join_events
 from edge_vpr.live.protocols import open_decoder, open_encoder
 from edge_vpr.recordings import open_recording, write_recording
 from edge_vpr.reference_map import ReferenceMap
+from tests.live.devices import sent_by
 from tests.streams import Drive, random_events
 
 _, PAGE = (Path(__file__).parents[2] / "docs/recipes.md").read_text().split("## Add your own parts")
@@ -118,8 +119,8 @@ class open_sink:
 
 def test_a_stream_is_recorded_into_a_format_of_another_package(drive, tmp_path, monkeypatch):
     install(tmp_path, monkeypatch, {"edge_vpr.formats": "tally = my_tally"}, my_tally=TALLY)
-    encoder, sent = open_encoder("evpr", SENSOR), tmp_path / "sent.bin"
-    sent.write_bytes(encoder.start() + b"".join(encoder.encode(events) for events in drive))
+    sent = tmp_path / "sent.bin"
+    sent.write_bytes(sent_by(drive, SENSOR))
     words = ["stream", "--port", sent, "--protocol", "evpr", "--sensor", "24x20"]
     assert main([str(word) for word in (*words, "--record", tmp_path / "a.tally")]) == 0
     assert (tmp_path / "a.tally").read_text() == "20000 events"

@@ -32,9 +32,9 @@ from edge_vpr import errors
 from edge_vpr.archive import archive_kind
 from edge_vpr.errors import EdgeVprError, MissingExtraError, UsageError, did_you_mean
 from edge_vpr.events import join_events, make_events
-from edge_vpr.live.protocols import open_encoder
 from edge_vpr.recordings import open_recording, write_recording
 from edge_vpr.settings import PRESETS, SETTING_FIELDS
+from tests.live.devices import sent_by
 from tests.streams import random_events
 from tests.tools.conftest import SENSOR, SMALL
 
@@ -228,8 +228,7 @@ def test_what_was_removed_as_bursts_is_told(tmp_path, run):
     words = ["map", tmp_path / "a.npz", "-o", tmp_path / "m.npz", *SMALL]
     out, err = run(*words)
     assert re.search(r"\(5\d\.\d%\) removed as bursts", out) and "warning" not in err
-    encoder = open_encoder("evpr", SENSOR)
-    (tmp_path / "sent.bin").write_bytes(encoder.start() + encoder.encode(events))
+    (tmp_path / "sent.bin").write_bytes(sent_by(events, SENSOR))
     stream = ["stream", "--port", tmp_path / "sent.bin", "--protocol", "evpr", "--once"]
     assert "events removed as bursts" in "".join(run(*stream, "--map", tmp_path / "m.npz"))
     out, err = run(*words, "--bursts", "keep", "--overwrite")

@@ -15,10 +15,10 @@ from edge_vpr_tools import cli
 from edge_vpr_tools.cli import GENERAL_FLAGS, VERBS, find_verb
 
 from edge_vpr.events import Sensor
-from edge_vpr.live.protocols import open_encoder
 from edge_vpr.recordings import write_recording
 from edge_vpr.simulation import simulate_pair
 from firmware_model import Design
+from tests.live.devices import sent_by
 from tests.streams import random_events
 
 SENSOR = Sensor(16, 12)
@@ -211,8 +211,7 @@ def folder(tmp_path_factory):
     (folder / "track.csv").write_text("time_s,position_m\n-1,-10\n3,30\n")
     (folder / "frames.csv").write_text("query_frame,reference_frame\n0,0\n1000,1000\n")
     np.save(folder / "truth.npy", np.eye(19, 19, dtype=np.uint8))
-    encoder = open_encoder("evpr", SENSOR)
-    (folder / "sent.bin").write_bytes(encoder.start() + encoder.encode(events))
+    (folder / "sent.bin").write_bytes(sent_by(events, SENSOR))
     Design(width=16, height=12, pixels=3, places=4, length=2).save(folder / "design.toml")
     (folder / "none.csv").write_text("event,0,0,0\n")
     (folder / "meter.csv").write_text("time_s,power_w\n0,1\n1,2\n2,1\n")

@@ -19,6 +19,7 @@ from edge_vpr.live.bridge import open_device_link
 from edge_vpr.live.protocols import open_encoder
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.settings import Settings
+from tests.live.devices import wait_until
 from tests.streams import Drive, random_events
 from tests.tools.terminals import Terminal
 
@@ -65,9 +66,7 @@ class Camera:
 
     def greeted(self):
         """Wait for the host."""
-        end = time.monotonic() + 40
-        while not self.link.read(0.1):
-            assert time.monotonic() < end
+        wait_until(lambda: self.link.read(0.1), 40)
 
 
 def stream(folder, port, map_file, *words, size=(100, 30)):

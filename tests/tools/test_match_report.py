@@ -34,7 +34,7 @@ from tests import naive
 from tests.streams import descriptors
 
 
-def run(*words):
+def call(*words):
     assert main([str(word) for word in words]) == 0
 
 
@@ -42,7 +42,7 @@ def run(*words):
 def street(tmp_path_factory):
     """A folder with two simulated drives, a map with positions, and matches, some of them wrong."""
     folder = tmp_path_factory.mktemp("street")
-    run("simulate", "-o", folder / "pair", "--sensor", "tiny", "--length", 200)
+    call("simulate", "-o", folder / "pair", "--sensor", "tiny", "--length", 200)
     for name in ("reference", "query"):  # the street is bent to a quarter of a circle
         table = np.loadtxt(folder / f"pair/{name}_track.csv", delimiter=",", skiprows=1)
         angle = table[:, 1] / 100
@@ -51,8 +51,8 @@ def street(tmp_path_factory):
         np.savetxt(path, bent, fmt="%.5f", delimiter=",", header="time_s,x_m,y_m", comments="")
     drive = folder / "pair/reference.npz"
     few = ("--pixels", 8, "--sigma", 1)
-    run("map", drive, "-o", folder / "map.npz", "--track", folder / "reference.csv", *few)
-    run("match", folder / "map.npz", folder / "pair/query.npz", "-o", folder / "results")
+    call("map", drive, "-o", folder / "map.npz", "--track", folder / "reference.csv", *few)
+    call("match", folder / "map.npz", folder / "pair/query.npz", "-o", folder / "results")
     (folder / "printed.txt").write_text(evaluated(folder, folder / "results"))
     return folder
 
@@ -61,7 +61,7 @@ def evaluated(street, folder, *tracks, tolerance=3):
     tracks = [street / f"{name}.csv" for name in tracks or ("reference", "query")]
     printed = io.StringIO()
     with redirect_stdout(printed):
-        run("evaluate", folder, "--ground-truth", *tracks, "--tolerance", tolerance)
+        call("evaluate", folder, "--ground-truth", *tracks, "--tolerance", tolerance)
     return printed.getvalue()
 
 
@@ -168,12 +168,11 @@ def test_the_report_shows_route_error_and_the_worst_windows(street):
     ],
 )
 def test_what_the_matches_are_and_which_precision_was_asked_is_said_first(
-    street, tmp_path, capsys, flags, kind, accepted
+    street, tmp_path, run, flags, kind, accepted
 ):
-    capsys.readouterr()
-    run("match", street / "map.npz", street / "pair/query.npz", "-o", tmp_path / "m", *flags)
+    match = ["match", street / "map.npz", street / "pair/query.npz", "-o", tmp_path / "m"]
+    printed = run(*match, *flags).out
     number = len(Matches.load(tmp_path / "m/matches.npz"))
-    printed = capsys.readouterr().out
     assert printed.startswith(f"{tmp_path}/m: {number:,} {kind} matches; ")
     printed += evaluated(street, tmp_path / "m").splitlines()[0]
     assert printed.count(f" {kind} matches") == 2
@@ -241,7 +240,7 @@ def test_the_worst_windows_of_live_matches_are_shown_too(street):
     """The last window that was complete before each of them."""
     folder = street / "online_windows"
     drive = street / "pair/query.npz"
-    run("match", street / "map.npz", drive, "-o", folder, "--online", "--every", "300ms")
+    call("match", street / "map.npz", drive, "-o", folder, "--online", "--every", "300ms")
     evaluated(street, folder)
     page = (folder / "report.html").read_text()
     shown = re.findall(r"<figcaption>(\d)\. At ([\d.]+) s, ([\d,]+) m off", page)
@@ -269,7 +268,7 @@ def test_the_facts_of_the_console_stand_in_the_report(street):
 def test_warnings_of_matching_stay_in_the_report_of_an_evaluation(street, monkeypatch):
     monkeypatch.setattr("edge_vpr_tools.console._FEW_PLACES", 1_000_000)
     folder = street / "burst"
-    run("match", street / "map.npz", street / "pair/query.npz", "-o", folder)
+    call("match", street / "map.npz", street / "pair/query.npz", "-o", folder)
     assert "fewer than 1000000, probabilities are too high" in read(folder)[1]
     evaluated(street, folder)
     assert "fewer than 1000000, probabilities are too high" in read(folder)[1]
@@ -277,8 +276,8 @@ def test_warnings_of_matching_stay_in_the_report_of_an_evaluation(street, monkey
 
 def test_an_online_report_shows_correct_and_wrong_once_it_knows(street):
     folder = street / "online"
-    run("match", street / "map.npz", street / "pair/query.npz", "-o", folder,
-        "--online", "--every", "100ms")  # fmt: skip
+    live = ["--online", "--every", "100ms", "-o", folder]
+    call("match", street / "map.npz", street / "pair/query.npz", *live)
     text = read(folder)[1]
     number = len(Matches.load(folder / "matches.npz"))
     assert f"{number} live matches" in text
@@ -297,9 +296,9 @@ def test_a_map_with_a_gps_log_can_be_evaluated_by_tracks_in_metres(street):
     header = "time_s,latitude,longitude"
     np.savetxt(street / "gps.csv", table, fmt="%.7f", delimiter=",", header=header, comments="")
     small = ("--pixels", 8, "--sigma", 1, "--track", street / "gps.csv")
-    run("map", street / "pair/reference.npz", "-o", street / "gps.npz", *small)
+    call("map", street / "pair/reference.npz", "-o", street / "gps.npz", *small)
     folder = street / "gps"
-    run("match", street / "gps.npz", street / "pair/query.npz", "-o", folder, "--no-figures")
+    call("match", street / "gps.npz", street / "pair/query.npz", "-o", folder, "--no-figures")
     evaluated(street, folder)
     metrics, text = read(folder)
     assert metrics["verdict"] == read(street / "results")[0]["verdict"]
@@ -323,10 +322,8 @@ def test_when_all_are_wrong_or_all_correct_the_verdict_is_short(street):
     truth = np.zeros((len(reference), int(matches.query[-1]) + 1), dtype=np.bool_)
     truth[matches.place, matches.query] = True
     has_truth = np.ones(truth.shape[1], dtype=np.bool_)
-    for correct, start in (
-        (truth, f"{n} of {n} smoothed matches are correct; "),
-        (~truth, f"0 of {n} "),
-    ):
+    all_correct = f"{n} of {n} smoothed matches are correct; "
+    for correct, start in ((truth, all_correct), (~truth, f"0 of {n} ")):
         right = GroundTruth(correct, has_truth, "by hand")
         text = outcome_of(reference, matches, evaluate(matches, right)).sentence()
         assert text.startswith(start)
@@ -363,26 +360,30 @@ def test_the_picture_of_the_truth_loses_no_true_place():
 
 def test_the_map_of_a_result_is_a_link_to_the_map_that_was_matched_with(street, tmp_path):
     """With other settings of matching too; a map that replaces one leaves the other."""
-    made = street / "map.npz"
-    run("match", made, street / "pair/query.npz", "-o", tmp_path / "one", "--no-figures",
-        "--exclusion", 1)  # fmt: skip
+    made, flags = street / "map.npz", ["--no-figures", "--exclusion", 1]
+    call("match", made, street / "pair/query.npz", "-o", tmp_path / "one", *flags)
     assert (street / "results/map.npz").samefile(made)
     assert (tmp_path / "one/map.npz").samefile(made)
     before = made.read_bytes()
     reference = ReferenceMap.load(made)
-    replace(reference, start_us=reference.start_us + 1).save(
-        tmp_path / "one/map.npz", overwrite=True
-    )
+    other = replace(reference, start_us=reference.start_us + 1)
+    other.save(tmp_path / "one/map.npz", overwrite=True)
     assert made.read_bytes() == before != (tmp_path / "one/map.npz").read_bytes()
 
 
 # What a result shows by itself in Python.
 
 
-def test_a_result_draws_itself_on_axes_of_its_own_or_given_ones(street):
-    pyplot = pytest.importorskip("matplotlib.pyplot")
+@pytest.fixture(scope="module")
+def judged(street):
+    """The result of the street, and its evaluation at 3 m."""
     result = MatchResult.load(street / "results")
-    judged = result.evaluate((street / "reference.csv", street / "query.csv"), 3)
+    return result, result.evaluate((street / "reference.csv", street / "query.csv"), 3)
+
+
+def test_a_result_draws_itself_on_axes_of_its_own_or_given_ones(judged):
+    pyplot = pytest.importorskip("matplotlib.pyplot")
+    result, judged = judged
     drawn = result.plot(judged)
     labels = [axes.get_ylabel() for axes in drawn]
     assert labels == ["y (m)", "error (m)", "probability"]
@@ -405,10 +406,9 @@ def test_a_result_draws_itself_on_axes_of_its_own_or_given_ones(street):
         result.plot(axes="axes")
 
 
-def test_positions_correctness_and_errors_stand_beside_the_matches(street):
+def test_positions_correctness_and_errors_stand_beside_the_matches(judged):
     pytest.importorskip("pandas")
-    result = MatchResult.load(street / "results")
-    judged = result.evaluate((street / "reference.csv", street / "query.csv"), 3)
+    result, judged = judged
     table = result.to_frame(judged)
     np.testing.assert_array_equal(table["along_m"], result.along_m)
     np.testing.assert_array_equal(table[["x_m", "y_m"]], result.position)
@@ -426,45 +426,39 @@ def test_positions_correctness_and_errors_stand_beside_the_matches(street):
     assert np.isnan(nowhere.along_m).all()
 
 
-def test_a_report_from_python_is_that_of_the_command_line(street, tmp_path):
-    result = MatchResult.load(street / "results")
-    judged = result.evaluate((street / "reference.csv", street / "query.csv"), 3)
+def test_a_report_from_python_is_that_of_the_command_line(street, judged, tmp_path):
+    result, judged = judged
+    assert [*result.facts()] == ["reference", "query", "light"]
+    with pytest.raises(UsageError, match="tolerance_m = 25, and truth says already"):
+        result.evaluate(judged.truth, 25)
     result.report(tmp_path / "out", judged, figures=("png",))
     metrics = json.loads((tmp_path / "out/metrics.json").read_text())
     of_command = json.loads((street / "results/metrics.json").read_text())
-    for key in ("evaluation", "verdict", "ground_truth"):
+    for key in ("evaluation", "verdict", "ground_truth", "facts"):
         assert metrics[key] == of_command[key]
+    assert metrics["facts"] == result.facts(judged.truth)
     page = unescape((tmp_path / "out/report.html").read_text()).replace("\u00a0", " ")
-    assert metrics["verdict"] in page
+    assert all(text in page for text in (metrics["verdict"], *metrics["facts"].values()))
     assert (tmp_path / "out/route.png").stat().st_size > 0
     shown = result._repr_html_()
     assert outcome_of(result.reference, result.matches).sentence() in unescape(shown)
     assert "data:image/svg+xml;base64," in shown
 
 
-def test_a_map_says_in_python_what_info_prints(street, capsys):
+def test_a_map_says_in_python_what_info_prints(street, run):
     info = ReferenceMap.load(street / "map.npz").info()
-    run("info", street / "map.npz")
-    printed = capsys.readouterr().out
-    assert printed.endswith(f"{info}\n")
-    run("info", street / "map.npz", "--json")
-    of_info = json.loads(capsys.readouterr().out)
-    assert {name: of_info[name] for name in ("places", "route_m", "settings")} == {
-        "places": info.places,
-        "route_m": info.route_m,
-        "settings": info.settings,
-    }
+    assert run("info", street / "map.npz").out.endswith(f"{info}\n")
+    of_info = json.loads(run("info", street / "map.npz", "--json").out)
+    for name in ("places", "route_m", "settings"):
+        assert of_info[name] == getattr(info, name)
 
 
-def test_several_tolerances_are_judged_in_one_run(street, tmp_path):
-    folder = tmp_path / "results"
-    shutil.copytree(street / "results", folder)
+def test_several_tolerances_are_judged_in_one_run(street, tmp_path, run):
+    folder = shutil.copytree(street / "results", tmp_path / "results")
     tracks = [street / f"{name}.csv" for name in ("reference", "query")]
     shown = {}
     for words in ((3,), (9,), (3, 9)):
-        printed = io.StringIO()
-        with redirect_stdout(printed):
-            run("evaluate", folder, "--ground-truth", *tracks, "--tolerance", *words)
+        printed = run("evaluate", folder, "--ground-truth", *tracks, "--tolerance", *words).out
         shown[words] = json.loads((folder / "metrics.json").read_text())
     both = shown[3, 9]
     assert both["evaluation"] == shown[3,]["evaluation"]
@@ -475,10 +469,9 @@ def test_several_tolerances_are_judged_in_one_run(street, tmp_path):
         assert set(each["recall_at"]) >= {"1", "5", "10"}
         assert each["recall_at"] == alone["recall_at"]
         assert each["precision_at_100_recall"] == alone["precision_at_100_recall"]
-        assert f"{each['recall_at']['5']:.3f}" in printed.getvalue()
+        assert f"{each['recall_at']['5']:.3f}" in printed
     assert both["tolerances"][1]["recall_at"]["1"] > both["tolerances"][0]["recall_at"]["1"]
-    page = (folder / "report.html").read_text()
-    assert "9 m" in page
+    assert "9 m" in (folder / "report.html").read_text()
 
 
 @pytest.mark.filterwarnings("ignore::edge_vpr.errors.EdgeVprWarning")  # of the largest tolerance
@@ -500,11 +493,9 @@ def test_the_points_of_the_curve_are_a_table_and_its_picture_is_always_there(str
     assert not (evaluation.evaluated & ~evaluation.correct).any()
 
 
-def test_json_on_standard_output_is_what_the_files_hold_and_nothing_else(street, tmp_path, capsys):
+def test_json_on_standard_output_is_what_the_files_hold_and_nothing_else(street, tmp_path, run):
     def printed(*words):
-        capsys.readouterr()
-        run(*words, "--json")
-        return json.loads(capsys.readouterr().out)
+        return json.loads(run(*words, "--json").out)
 
     out, new = tmp_path / "out", tmp_path / "map.npz"
     tracks = [street / "reference.csv", street / "query.csv"]

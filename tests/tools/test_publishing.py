@@ -29,12 +29,12 @@ from edge_vpr.compile_report import COMPILING
 from edge_vpr.errors import UsageError
 from edge_vpr.events import Sensor
 from edge_vpr.live.links import LinkError
-from edge_vpr.live.protocols import open_encoder
 from edge_vpr.live.session import LiveSession, Message
 from edge_vpr.matching.match import Match
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.route import Route
 from edge_vpr.settings import Settings
+from tests.live.devices import sent_by, wait_until
 from tests.streams import Drive, random_events
 
 SENSOR = Sensor(16, 12)
@@ -70,13 +70,6 @@ def listen(server: MatchServer) -> socket.socket:
     return sock
 
 
-def wait_until(true) -> None:
-    end = time.monotonic() + 20
-    while not true():
-        assert time.monotonic() < end
-        time.sleep(0.001)
-
-
 def rows_of(sock: socket.socket) -> list[dict]:
     with sock, sock.makefile(encoding="utf-8") as lines:
         return [json.loads(line[6:]) for line in lines if line.startswith("data: ")]
@@ -94,8 +87,7 @@ def drive(tmp_path_factory):
     along[0] = np.nan
     reference = dataclasses.replace(reference, route=Route(along[:, None].copy(), along))
     reference.save(folder / "map.npz")
-    encoder = open_encoder("evpr", SENSOR)
-    (folder / "sent.bin").write_bytes(encoder.start() + encoder.encode(events))
+    (folder / "sent.bin").write_bytes(sent_by(events, SENSOR))
     return folder, reference
 
 

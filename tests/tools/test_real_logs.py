@@ -18,7 +18,7 @@ from edge_vpr.errors import EdgeVprError
 from edge_vpr.recordings import TimeCrop, open_recording, write_recording
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.simulation import simulate_pair
-from tests.maps.saved_files import checksum
+from tests.maps.saved_files import sentence
 
 MIDDAY = dt.datetime(2024, 3, 4, 12, tzinfo=dt.UTC)
 ORIGIN, METRE = (-20.0, 140.0), 1 / 111_194.93
@@ -43,23 +43,12 @@ def seconds(track, every=1.0):
 # The formats, each of rows of time and metres; a row without metres has no fix.
 
 
-def sentence(body, checked=True):
-    return f"${body}*{checksum(body):02X}\r\n" if checked else f"${body}\r\n"
-
-
 def degrees(x):
     return ORIGIN[0] + x * METRE, ORIGIN[1]
 
 
 def nmea(
-    rows,
-    start=MIDDAY,
-    kind="RMC",
-    checked=True,
-    date=None,
-    clock=lambda t: t,
-    mode="A",
-    quality=1,
+    rows, start=MIDDAY, kind="RMC", checked=True, date=None, clock=lambda t: t, mode="A", quality=1
 ):
     text = ""
     for t, x in rows:
@@ -77,7 +66,7 @@ def nmea(
             body = f"GPRMC,{time},{'V' if x is None else 'A'},{where},0.1,0.0,{day},,,{mode}"
         else:
             body = f"GPGGA,{time},{where},{0 if x is None else quality},08,1.0,10.0,M,0.0,M,,"
-        text += sentence(body, checked)
+        text += sentence(body) if checked else f"${body}\r\n"
     return text
 
 
@@ -306,12 +295,8 @@ def test_a_log_that_was_appended_to_is_refused_or_shows_its_gap(drives, judge):
 
 
 def test_a_gpx_begins_with_its_first_time_even_without_a_fix(drives, judge):
-    texts = [
-        gpx([(t, x) for t, x in rows]).replace(
-            "</time></trkpt>", "</time><fix>none</fix></trkpt>", 12
-        )
-        for rows in drives[1]
-    ]
+    fixless = "</time></trkpt>", "</time><fix>none</fix></trkpt>", 12
+    texts = [gpx(rows).replace(*fixless) for rows in drives[1]]
     correct, queries, facts = judge(texts, "gpx")
     assert correct == queries >= 40
     assert facts.count("12 with no fix") == facts.count(" m from 12.0 to ") == 2
