@@ -15,7 +15,7 @@ from edge_vpr.evaluation.track_files import load_track
 from edge_vpr.evaluation.tracks import Track
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.simulation import simulate_pair
-from tests.maps.saved_files import checksum
+from tests.maps.saved_files import sentence
 
 S = 1_000_000
 GPX = """<?xml version="1.0" encoding="{encoding}"?>
@@ -37,7 +37,7 @@ def nmea(seconds, latitude_minutes=30.0):
     for i in range(seconds):
         clock = f"{12 + i // 3600:02}{i // 60 % 60:02}{i % 60:02}.00"
         body = f"GPRMC,{clock},A,27{latitude_minutes + i / 100:08.5f},S,15254.00000,E,,,010124,,"
-        lines.append(f"${body}*{checksum(body):02X}\r\n")
+        lines.append(sentence(body))
     return "".join(lines)
 
 
@@ -59,21 +59,14 @@ def test_gpx_is_read_in_every_encoding(tmp_path, encoding):
     assert track.time_us.tolist() == [0, 1_500_000, 4_000_000]
     assert track.position.tolist() == [[-27.5, 152.9], [-27.5001, 152.9], [-27.5003, 152.9]]
     assert dict(track.dropped) == {
-        "no time": 1,
-        "no fix": 1,
-        "unreadable position": 2,
-        "a time that another has": 1,
-    }
+        "no time": 1, "no fix": 1, "unreadable position": 2, "a time that another has": 1,
+    }  # fmt: skip
     assert track.entries == 8
     assert track.start_utc == dt.datetime(2024, 1, 1, 12, tzinfo=dt.UTC)
 
 
-def sentences(*bodies):
-    return "".join(f"${body}*{checksum(body):02X}\r\n" for body in bodies)
-
-
 def rmc(time, date, status="A"):
-    return f"GPRMC,{time},{status},2700.00000,S,15300.00000,E,,,{date},,"
+    return sentence(f"GPRMC,{time},{status},2700.00000,S,15300.00000,E,,,{date},,")
 
 
 #: what is no track, by its name, and what is said of it
@@ -86,11 +79,11 @@ NO_TRACKS = [
     ("a.gpx", "<a>" * 100_000, "is not a GPX file"),
     ("a.gpx", GPX.format(encoding="utf-8").replace("12:00:04", "11:00:04"), "time runs backwards"),
     ("a.nmea", "nothing of the kind", "none at all"),
-    ("a.nmea", sentences(rmc("070303.00", "210420", "V"), rmc("070304.00", "210420", "V")),
+    ("a.nmea", rmc("070303.00", "210420", "V") + rmc("070304.00", "210420", "V"),
      r"no RMC or GGA sentence with a fix \(2 with no fix"),
-    ("a.nmea", sentences(rmc("070303.00", "210420"), rmc("070001.00", "210420")),
+    ("a.nmea", rmc("070303.00", "210420") + rmc("070001.00", "210420"),
      "backwards by 182 s at RMC sentence 2"),
-    ("a.nmea", sentences(rmc("120000.00", "050180"), rmc("120001.00", "010320")),
+    ("a.nmea", rmc("120000.00", "050180") + rmc("120001.00", "010320"),
      r"by 14,666 days at RMC sentence 2.*Track.shifted"),
     ("a.nmea", None, "cannot be read"),
     ("a.xlsx", "", r"give a log of NMEA or GPX, a \.csv table, or poses of TUM or KITTI"),
@@ -302,9 +295,7 @@ def test_unix_times_suggest_the_offsets_with_which_the_tracks_cover_the_drives()
     second = straight(10, 100, start_us=(UNIX_S + 900) * S)
     with pytest.raises(GroundTruthError) as raised:
         from_tracks(first, second, centres(10), centres(10), 5.0)
-    (offset,) = re.search(
-        r"reference track covers .* shift it by (\S+) s", str(raised.value)
-    ).groups()
+    offset = re.search(r"reference track covers .* shift it by (\S+) s", str(raised.value))[1]
     first = first.shifted(float(offset))
     with pytest.raises(GroundTruthError, match=rf"query track .* by -{UNIX_S + 900} s"):
         from_tracks(first, second, centres(10), centres(10), 5.0)
@@ -323,20 +314,13 @@ def test_unix_times_of_a_recording_of_such_times_name_its_own_start():
 
 def test_a_table_in_memory_is_the_track_of_its_file(tmp_path):
     pandas = pytest.importorskip("pandas")
-    table = {
-        "Timestamp [ns]": [0, 500_000_000, 2_000_000_001],
-        "x_m": [0.1, 2, 7],
-        "note": [*"abc"],
-    }
-    table["x_m"][2] = float("nan")
+    times = [0, 500_000_000, 2_000_000_001]
+    table = {"Timestamp [ns]": times, "x_m": [0.1, 2, float("nan")], "note": [*"abc"]}
     pandas.DataFrame(table).to_csv(tmp_path / "track.csv", index=False)
     track = load_track(tmp_path / "track.csv")
     assert (track.time_us.tolist(), track.position.tolist()) == ([0, 500_000], [[0.1], [2.0]])
-    tables = [
-        table,
-        pandas.DataFrame(table),
-        {name: np.array(each) for name, each in table.items()},
-    ]
+    arrays = {name: np.array(each) for name, each in table.items()}
+    tables = [table, pandas.DataFrame(table), arrays]
     if pyarrow := pytest.importorskip("pyarrow"):
         tables.append(pyarrow.table(table))
     assert [load_track(each) == track for each in tables] == [True] * 4

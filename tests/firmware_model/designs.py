@@ -5,6 +5,11 @@ from __future__ import annotations
 import numpy as np
 
 from firmware_model import Design, Event, Memories
+from firmware_model.vectors.random_cases import (
+    random_adaptive_design,
+    random_design,
+    random_memories,
+)
 
 
 def random_stream(
@@ -23,6 +28,15 @@ def random_stream(
             x, y = rng.integers(design.width), rng.integers(design.height)
         events.append(Event(t, int(x), int(y), bool(rng.integers(2))))
     return events
+
+
+def drawn_drive(seed: int, *, adaptive: bool) -> tuple[Memories, int, list[Event]]:
+    """Draw a design of sequences or of the filter and contrast codes, its tables and a stream."""
+    rng = np.random.default_rng(seed)
+    design = random_adaptive_design(rng, (1, 7)) if adaptive else random_design(rng)
+    memories = random_memories(rng, design)
+    start = int(rng.integers(0, 1 << design.timestamp_bits))
+    return memories, start, random_stream(rng, memories, 150, start)
 
 
 def wrapped(events: list[Event], design: Design) -> list[Event]:

@@ -18,15 +18,7 @@ import pytest
 
 from firmware_model import Design, DesignError, Event, Memories, ToolError
 from firmware_model.emulation import tables
-from firmware_model.emulation.build import (
-    COUNTED,
-    EMULATED,
-    GCC,
-    HOST,
-    SOURCES,
-    Target,
-    build,
-)
+from firmware_model.emulation.build import COUNTED, EMULATED, GCC, HOST, SOURCES, Target, build
 from firmware_model.emulation.emulator import OUT_WORDS, Emulator
 from firmware_model.emulation.instructions import (
     FILTER,
@@ -49,13 +41,9 @@ from firmware_model.vectors import (
     to_binary,
 )
 from firmware_model.vectors.case import choose_pixels
-from firmware_model.vectors.random_cases import (
-    random_adaptive_design,
-    random_design,
-    random_memories,
-)
+from firmware_model.vectors.random_cases import random_design, random_memories
 from firmware_model.verification.images import image_cases
-from tests.firmware_model.designs import random_stream, wrapped
+from tests.firmware_model.designs import drawn_drive, wrapped
 
 pytest.importorskip("ziglang", reason="ziglang is not installed (extra firmware)")
 pytest.importorskip("unicorn", reason="unicorn is not installed (extra firmware)")
@@ -256,12 +244,8 @@ def test_random_designs_on_every_emulated_processor(emulator, adaptive):
     """60 of sequences; 60 with the place filter, contrast codes, or both, and with pauses."""
     paused = 0
     for seed in range(60):
-        rng = np.random.default_rng(seed)
-        design = random_adaptive_design(rng, (1, 7)) if adaptive else random_design(rng)
-        memories = random_memories(rng, design)
-        start = int(rng.integers(0, 1 << design.timestamp_bits))
-        events = wrapped(random_stream(rng, memories, 150, start), design)
-        case = Case(str(seed), memories, tuple(events), start)
+        memories, start, events = drawn_drive(seed, adaptive=adaptive)
+        case = Case(str(seed), memories, tuple(wrapped(events, memories.design)), start)
         assert emulated(emulator, case) == told(case), seed
         paused += sum(state.paused for state in case.trace().states)
     assert (paused > 100) == adaptive

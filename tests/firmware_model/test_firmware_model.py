@@ -38,15 +38,11 @@ from firmware_model import (
 )
 from firmware_model.design import formats_of
 from firmware_model.specification import ilog, mean_activity_after
-from firmware_model.vectors.random_cases import (
-    random_adaptive_design,
-    random_design,
-    random_memories,
-)
+from firmware_model.vectors.random_cases import random_design, random_memories
 from fixedpoint import activity
 from fixedpoint.codes import CounterCode
 from fixedpoint.own_mean import OwnMeanCode
-from tests.firmware_model.designs import random_stream, wrapped
+from tests.firmware_model.designs import drawn_drive, wrapped
 
 ROOM = Path(__file__).parents[2] / "firmware_model"
 
@@ -138,11 +134,8 @@ def test_the_model_equals_the_pipeline_on_random_designs_and_streams(adaptive):
     """
     seen = Counter()
     for seed in range(240 if adaptive else 300):
-        rng = np.random.default_rng(seed)
-        design = random_adaptive_design(rng, (1, 7)) if adaptive else random_design(rng)
-        memories = random_memories(rng, design)
-        start = int(rng.integers(0, 1 << design.timestamp_bits))
-        events = random_stream(rng, memories, 150, start)
+        memories, start, events = drawn_drive(seed, adaptive=adaptive)
+        design = memories.design
         codes, matches = pipeline(memories, events, start)
         done = trace(memories, wrapped(events, design), start)
         assert [window.codes for window in done.windows] == list(map(tuple, codes.tolist())), seed
@@ -226,41 +219,25 @@ def test_the_clock_may_wrap_and_a_late_event_counts_in_the_open_window():
     assert sum(isinstance(r, WindowResult) for r in machine.take(Event(14 + 128, 0, 0, True))) == 13
 
 
+DAVIS = Design(width=346, height=260, pixels=150, places=860, length=5, lanes=8, code="counts")
+
+
 def test_cycles_agree_with_the_measured_core():
     """A throw-away core took N + K ceil(N/P) + about 6 cycles a match."""
-    design = Design(width=346, height=260, pixels=150, places=860, length=5, lanes=8)
-    assert abs(cost.cycles(design).match - (150 + 860 * 19 + 6)) <= 2
+    assert abs(cost.cycles(DAVIS).match - (150 + 860 * 19 + 6)) <= 2
 
 
 def test_widths_hold_the_largest_values_and_no_more():
     """Widths of 150 pixels as worked out by hand: SAD 12, 14, 16 bits; 15, 17, 19 over L = 10."""
     for bits, distance, sequence in ((4, 12, 15), (6, 14, 17), (8, 16, 19)):
-        design = Design(
-            width=346,
-            height=260,
-            pixels=150,
-            places=860,
-            length=10,
-            code="counts",
-            code_bits=bits,
-        )
-        formats = formats_of(design)
+        formats = formats_of(replace(DAVIS, length=10, code_bits=bits))
         assert (formats["distance"].width, formats["sequence"].width) == (distance, sequence)
     assert formats["place"].width == 10 and formats["owner"].highest >= 260
 
 
 def test_memory_sizes_of_a_known_design():
     """Bits of each memory, by hand; block memories are counted whole."""
-    design = Design(
-        width=346,
-        height=260,
-        pixels=150,
-        places=860,
-        length=5,
-        lanes=8,
-        code="counts",
-        code_bits=4,
-    )
+    design = replace(DAVIS, code_bits=4)
     sizes = cost.memories(design)
     assert sizes["displacement"] == (260, 9) and sizes["lookup"] == (512, 9 + 8)
     assert sizes["pixel_delay"] == (2, 9 + 1)

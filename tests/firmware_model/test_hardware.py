@@ -15,21 +15,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from edge_vpr_tools.cli import main
 
 from firmware_model import Design, ToolError, VectorError, cost
 from firmware_model.design import MARGIN_TOP, RESIDUAL_TOP, formats_of
-from firmware_model.hardware import (
-    parameters as boards,
-)
+from firmware_model.hardware import parameters as boards
 from firmware_model.hardware import replay, report, simulation, sources
-from firmware_model.hardware.parameters import (
-    PACKAGE,
-    constants,
-    package,
-    package_with,
-    tables,
-)
+from firmware_model.hardware.parameters import PACKAGE, constants, package, package_with, tables
 from firmware_model.hardware.simulation import Conditions
 from firmware_model.specification import (
     Event,
@@ -62,14 +53,7 @@ from fixedpoint.activity import BANK_COSTS
 
 #: full scale and events of a window are small, so that a simulation of all corners is short
 DESIGN = Design(
-    width=24,
-    height=16,
-    pixels=9,
-    places=20,
-    length=3,
-    code_bits=3,
-    window_events=12,
-    lanes=4,
+    width=24, height=16, pixels=9, places=20, length=3, code_bits=3, window_events=12, lanes=4
 )
 FILTER = replace(DESIGN, matching="filter", length=1)
 ADAPTIVE = replace(FILTER, code="contrast")
@@ -91,6 +75,23 @@ def write_vectors(folder, design, seed=3, suite="corners", cases=slice(None)):
     return folder
 
 
+def ran(*command, cwd=None, code=0):
+    """Run a program, check its exit code, and return it with what it printed."""
+    done = subprocess.run(
+        list(map(str, command)), cwd=cwd, capture_output=True, text=True, check=False, timeout=600
+    )
+    assert done.returncode == code, done.stdout + done.stderr
+    return done
+
+
+def held(folder, design, suites, *conditions):
+    """Hold the core to cases under each of some conditions; return the verdicts."""
+    write_suites(folder / "v", design, suites, 3, rtl=True)
+    verdicts = [replay.hold(folder / "v", each) for each in conditions]
+    assert [verdict.differences for verdict in verdicts] == [[] for _ in conditions]
+    return verdicts
+
+
 @pytest.fixture(scope="module")
 def vectors(tmp_path_factory):
     """Vectors of a small design, with the core's sources."""
@@ -110,11 +111,10 @@ def test_the_core_returns_every_corner_under_stalls_and_a_reset(vectors):
 @needs_iverilog
 def test_icarus_compiles_the_core_and_its_bench_without_a_warning(vectors, tmp_path):
     """As docs/hardware.md does it, without Python."""
-    package = vectors / "corners" / "tie_of_two" / "vpr_pkg.sv"
-    command = ["iverilog", "-g2012", "-s", "vpr_bench", "-o", str(tmp_path / "core.vvp")]
-    files = map(str, [package, *(vectors / "rtl").glob("*.sv")])
-    done = subprocess.run([*command, *files], capture_output=True, text=True)
-    assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
+    files = [vectors / "corners" / "tie_of_two" / "vpr_pkg.sv", *(vectors / "rtl").glob("*.sv")]
+    command = ["iverilog", "-g2012", "-s", "vpr_bench", "-o", tmp_path / "core.vvp"]
+    done = ran(*command, *files)
+    assert (done.stdout, done.stderr) == ("", "")
 
 
 @needs_iverilog
@@ -148,9 +148,9 @@ def drawn_design(seed):
 @pytest.mark.parametrize("seed", [21, 22, *range(31, 37)])
 def test_the_core_returns_random_cases_of_random_designs(tmp_path, seed):
     """Both kinds of window, lanes that do not divide the slots, down to one place."""
-    folder = write_vectors(tmp_path / "v", drawn_design(seed), seed, "random", slice(1))
-    outcome = replay.hold(folder, Conditions(seed=seed, stall=30, resets=2))
-    assert outcome.differences == []
+    design = drawn_design(seed)
+    cases = {"random": standard_suites(design, seed, "random")["random"][:1]}
+    (outcome,) = held(tmp_path, design, cases, Conditions(seed=seed, stall=30, resets=2))
     assert outcome.compared["event"] == 2000
 
 
@@ -167,10 +167,8 @@ def test_the_first_windows_may_end_before_all_counters_are_drained(tmp_path, des
         stream.fill([(slot + window) % 3 for slot in range(design.slots)])
     stream.close()
     case = stream.case("silent", [[slot % 3 + k for slot in range(design.slots)] for k in range(2)])
-    write_suites(tmp_path / "v", design, {"silent": [case]}, 3, rtl=True)
-    for conditions in (Conditions(), Conditions(reset_at=700), Conditions(5, stall=40, resets=1)):
-        outcome = replay.hold(tmp_path / "v", conditions)
-        assert outcome.differences == []
+    conditions = (Conditions(), Conditions(reset_at=700), Conditions(5, stall=40, resets=1))
+    for outcome in held(tmp_path, design, {"silent": [case]}, *conditions):
         assert outcome.compared["window"] == 5
 
 
@@ -180,12 +178,8 @@ def test_registers_behind_slow_memories_change_no_record(tmp_path, length, lanes
     """Places that take as many clocks as a sequence has windows, and more; and single windows."""
     design = replace(DESIGN, length=length, lanes=lanes, window="count")
     cases = random_cases(design, np.random.default_rng(length), 1, 600)
-    write_suites(tmp_path / "v", design, {"random": cases}, 3, rtl=True)
-    for stall in (0, 40):
-        outcome = replay.hold(
-            tmp_path / "v", Conditions(seed=5, stall=stall, resets=2, slow_blocks=True)
-        )
-        assert outcome.differences == []
+    conditions = [Conditions(5, stall=stall, resets=2, slow_blocks=True) for stall in (0, 40)]
+    for outcome in held(tmp_path, design, {"random": cases}, *conditions):
         assert outcome.compared["match"] > 10
 
 
@@ -202,9 +196,7 @@ def test_the_core_returns_the_place_filters_corners_under_stalls_and_a_reset(tmp
     cases = short_filter_cases(FILTER)
     kinds = {(case.design.code, case.design.places_per_window) for case in cases}
     assert kinds == {("counts", 1), ("counts", 2), ("contrast", 1), ("contrast", 2)}
-    write_suites(tmp_path / "v", FILTER, {"filter": cases}, 3, rtl=True)
-    outcome = replay.hold(tmp_path / "v", Conditions(seed=5, stall=40, resets=1))
-    assert outcome.differences == []
+    (outcome,) = held(tmp_path, FILTER, {"filter": cases}, Conditions(seed=5, stall=40, resets=1))
     assert outcome.cases == len(cases)
     assert min(outcome.compared.values()) > 100
 
@@ -215,11 +207,10 @@ def test_the_core_returns_the_corners_of_seven_gains_under_stalls_and_a_reset(tm
     """Each fact of them, such as a change of gain or a window in which gains look at all sums."""
     cases = short_filter_cases(GAINS, most_events=1500)
     assert {case.design.places_per_window for case in cases} == {1, 2}
-    write_suites(tmp_path / "v", GAINS, {"filter": cases}, 3, rtl=True)
     stalled, slow = Conditions(seed=5, stall=40, resets=1), Conditions(slow_blocks=True)
-    for conditions in (stalled, slow, Conditions(reset_at=1900)):
-        outcome = replay.hold(tmp_path / "v", conditions)
-        assert outcome.differences == []
+    for outcome in held(
+        tmp_path, GAINS, {"filter": cases}, stalled, slow, Conditions(reset_at=1900)
+    ):
         assert min(outcome.compared.values()) > 200
 
 
@@ -228,19 +219,14 @@ def test_the_core_returns_the_corners_of_seven_gains_under_stalls_and_a_reset(tm
 def test_a_core_of_one_size_returns_the_cases_of_its_own(tmp_path):
     """All of one program, as of one bitstream."""
     cases = [c for c in standard_suites(GAINS, 3, "own")["own"] if len(c.events) <= 1500]
-    write_suites(tmp_path / "v", GAINS, {"own": cases}, 3, rtl=True)
+    (outcome,) = held(tmp_path, GAINS, {"own": cases}, Conditions(seed=5, stall=40, resets=1))
     assert len({p.read_bytes() for p in (tmp_path / "v").rglob(f"{PACKAGE}.sv")}) == 1
-    outcome = replay.hold(tmp_path / "v", Conditions(seed=5, stall=40, resets=1))
-    assert outcome.differences == []
     assert outcome.cases == len(cases) > 8
 
 
 @pytest.mark.slow
 @needs_iverilog
-@pytest.mark.parametrize(
-    "suite",
-    ["corners", "filter", "random"],
-)
+@pytest.mark.parametrize("suite", ["corners", "filter", "random"])
 def test_registers_behind_slow_memories_change_no_corner(tmp_path, suite):
     """Sequences, the place filter and contrast codes, under stalls and resets."""
     names = ("tie_of_three", "events_by_time", "all_places_equal", "random_0")
@@ -250,9 +236,8 @@ def test_registers_behind_slow_memories_change_no_corner(tmp_path, suite):
     else:
         cases = [case for case in standard_suites(design, 3, suite)[suite] if case.name in names]
     assert cases
-    write_suites(tmp_path / "v", design, {suite: cases}, 3, rtl=True)
-    outcome = replay.hold(tmp_path / "v", Conditions(seed=5, stall=40, resets=2, slow_blocks=True))
-    assert outcome.differences == []
+    conditions = Conditions(seed=5, stall=40, resets=2, slow_blocks=True)
+    (outcome,) = held(tmp_path, design, {suite: cases}, conditions)
     assert min(outcome.compared[kind] for kind in ("event", "window", "match")) > 5
 
 
@@ -291,6 +276,15 @@ def filter_cycles(design, slow_blocks=False):
     return mean + formats_of(design)["distance_total"].width + metrics + around
 
 
+def replayed(folder, case, conditions=simulation.UNDISTURBED):
+    """Replay one case, hold the core to it, and return what the simulation noted."""
+    vectors = folder / f"vectors-{conditions.slow_blocks}"
+    write_suites(vectors, case.design, {"random": [case]}, 1, rtl=True)
+    ((_, done),) = simulation.replay_vectors(vectors, folder, conditions)
+    assert verify(vectors, done.records).differences == []
+    return done
+
+
 @needs_iverilog
 @pytest.mark.parametrize("slow_blocks", [False, True])
 def test_an_event_is_taken_in_each_clock(tmp_path, slow_blocks):
@@ -301,12 +295,8 @@ def test_an_event_is_taken_in_each_clock(tmp_path, slow_blocks):
     pixels = [*case.memories.pixels[:3], (0, 0)]
     times = (*range(300), *range(2000, 2100))
     events = [Event(t, *pixels[rng.integers(4)], bool(rng.integers(2))) for t in times]
-    cases = [replace(case, events=tuple(events), start=0)]
-    write_suites(tmp_path / "v", design, {"random": cases}, 1, rtl=True)
-    ((_, done),) = simulation.replay_vectors(
-        tmp_path / "v", tmp_path, Conditions(slow_blocks=slow_blocks)
-    )
-    assert verify(tmp_path / "v", done.records).differences == []
+    case = replace(case, events=tuple(events), start=0)
+    done = replayed(tmp_path, case, Conditions(slow_blocks=slow_blocks))
     # the first of the next window is taken, and waits in the first stage
     assert done.events_in_a_row == 300 + 1
 
@@ -334,19 +324,12 @@ def test_a_match_takes_the_clocks_that_the_documentation_says(tmp_path, design):
     case = standard_suites(design, 1, "random")["random"][0]
     short = replace(case, events=case.events[:600])
     assert len(short.trace().matches) > 5
-    folder = tmp_path / "v"
-    write_suites(folder, design, {"random": [short]}, 1, rtl=True)
     for slow_blocks in (False, True):
-        ((_, done),) = simulation.replay_vectors(
-            folder, tmp_path, Conditions(slow_blocks=slow_blocks)
-        )
-        assert verify(folder, done.records).differences == []
+        done = replayed(tmp_path, short, Conditions(slow_blocks=slow_blocks))
         stated = core_cycles(design, slow_blocks)
         assert done.least_cycles == stated
-        if design.filters:  # the first window needs its own spread
-            assert done.most_cycles > stated
-        else:
-            assert done.most_cycles == stated
+        # of a filter, the first window needs its own spread
+        assert done.most_cycles > stated if design.filters else done.most_cycles == stated
 
 
 @needs_iverilog
@@ -361,9 +344,7 @@ def test_a_match_of_seven_gains_takes_the_clocks_of_the_model_and_some_hundred(t
     activity = 3 * 256 * sum(counted) // len(counted)
     case = replace(case, memories=replace(case.memories, activity=activity))
     assert 7 in {state.sums for state in case.trace().states if not state.paused}
-    write_suites(tmp_path / "v", design, {"random": [case]}, 1, rtl=True)
-    ((_, done),) = simulation.replay_vectors(tmp_path / "v", tmp_path)
-    assert verify(tmp_path / "v", done.records).differences == []
+    done = replayed(tmp_path, case)
     changes = 2 * (places + 1) * (design.gains + 1)  # behind the match
     over = done.most_cycles - (cost.cycles(design).match - changes)
     assert 0 < over < 450
@@ -444,12 +425,10 @@ def test_the_words_of_a_case_have_the_widths_of_the_cores_ports(tmp_path):
 
 
 @pytest.mark.slow
-def test_golden_vectors_with_hardware_are_told_by_their_manifest(tmp_path, capsys):
+def test_golden_vectors_with_hardware_are_told_by_their_manifest(tmp_path, run):
     """Sources beside the suites, parameters in each case."""
     DESIGN.save(tmp_path / "d.toml")
-    command = ["golden", "--design", str(tmp_path / "d.toml"), "-o", str(tmp_path / "v")]
-    assert main([*command, "--rtl"]) == 0
-    capsys.readouterr()
+    run("golden", "--design", tmp_path / "d.toml", "-o", tmp_path / "v", "--rtl")
     written = {str(p.relative_to(tmp_path / "v")) for p in (tmp_path / "v").rglob("*.*")}
     assert written == set(load_manifest(tmp_path / "v").files())
     assert {f"rtl/{name}" for name in sources.SIMULATED} <= written
@@ -467,56 +446,39 @@ def test_the_bench_in_python_replays_a_case_and_finds_a_fault(tmp_path):
     shutil.copytree(tmp_path / "vectors" / "rtl", tmp_path / "src")
     (tmp_path / "cocotb").mkdir()
     shutil.copy(sources.COCOTB_BENCH, tmp_path / "cocotb")
-    command = [sys.executable, f"cocotb/{sources.COCOTB_BENCH.name}", "--stall", "30"]
-    held = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
-    assert held.returncode == 0, held.stdout + held.stderr
-    assert "1 cases, 0 differ" in held.stdout
+    command = [sys.executable, f"cocotb/{sources.COCOTB_BENCH.name}", "--stall", 30]
+    assert "1 cases, 0 differ" in ran(*command, cwd=tmp_path).stdout
     check_files(tmp_path / "vectors")  # nothing is left beside them
     file = tmp_path / "src" / "vpr_counters.sv"
     text = file.read_text("ascii")
     assert text.count("count + 1") == 1
     file.write_text(text.replace("count + 1", "count - 1"), "ascii")
-    broken = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
-    assert broken.returncode == 1
+    broken = ran(*command, cwd=tmp_path, code=1)
     assert "1 cases, 1 differ" in broken.stdout
     assert "m_event 0 is" in broken.stdout + broken.stderr
 
 
 @pytest.mark.slow
 @needs("yosys", "make")
-def test_a_project_is_written_and_read_by_yosys(tmp_path, capsys):
+def test_a_project_is_written_and_read_by_yosys(tmp_path, run, refused):
     """All that its Makefile names is there; a folder with something in it is refused."""
     DESIGN.save(tmp_path / "d.toml")
-    command = ["hardware", "--design", str(tmp_path / "d.toml"), "-o", str(tmp_path / "core")]
-    assert main(command) == 0
-    assert check_files(tmp_path / "core" / "vectors") > 0
-    plan = subprocess.run(
-        ["make", "-n"], cwd=tmp_path / "core", capture_output=True, text=True, check=True
-    ).stdout
+    core = tmp_path / "core"
+    run("hardware", "--design", tmp_path / "d.toml", "-o", core)
+    assert check_files(core / "vectors") > 0
+    plan = ran("make", "-n", cwd=core).stdout
     script = re.search(r'-p "(read_verilog .*); synth_ice40', plan)[1]
-    other = subprocess.run(
-        ["make", "-n", "ulx3s"], cwd=tmp_path / "core", capture_output=True, text=True, check=True
-    ).stdout
+    other = ran("make", "-n", "ulx3s", cwd=core).stdout
     assert "synth_ecp5 -top vpr_ulx3s" in other
     assert "--lpf ulx3s.lpf --freq 100 --json ulx3s.json --textcfg ulx3s.config" in other
-    assert (tmp_path / "core" / "src" / "vpr_ulx3s.sv").exists()
+    assert (core / "src" / "vpr_ulx3s.sv").exists()
     check = f"read_verilog -lib +/ice40/cells_sim.v; {script}; hierarchy -check -top vpr_up5k; proc"
-    done = subprocess.run(
-        ["yosys", "-q", "-p", check], cwd=tmp_path / "core", capture_output=True, check=False
-    )
-    assert done.returncode == 0
+    ran("yosys", "-q", "-p", check, cwd=core)
     assert "icepack icebreaker.asc icebreaker.bin" in plan
-    bench = subprocess.run(
-        ["make", "-n", "--no-print-directory", "cocotb"],
-        cwd=tmp_path / "core",
-        capture_output=True,
-        text=True,
-        check=True,
-    ).stdout
-    assert (tmp_path / "core" / bench.split()[1]).read_bytes() == sources.COCOTB_BENCH.read_bytes()
-    capsys.readouterr()
-    assert main(command) == 2
-    assert "not an empty folder" in capsys.readouterr().err
+    bench = ran("make", "-n", "--no-print-directory", "cocotb", cwd=core).stdout
+    assert (core / bench.split()[1]).read_bytes() == sources.COCOTB_BENCH.read_bytes()
+    said = refused("hardware", "--design", tmp_path / "d.toml", "-o", core)
+    assert "not an empty folder" in said
 
 
 def test_vectors_without_sources_are_refused_in_one_line(tmp_path):
@@ -596,9 +558,8 @@ def test_the_sources_are_free_of_lint(tmp_path, design):
     slow = ["-GSLOW_BLOCKS=1'b1", *files]
     tops = (("vpr_core", files), ("vpr_core", slow), ("vpr_spi", spi), ("vpr_axi_lite", axi))
     for top, chosen in tops:
-        command = ["verilator", "--lint-only", "-Wall", "--top-module", top, *map(str, chosen)]
-        done = subprocess.run(command, capture_output=True, text=True, check=False)
-        assert (done.returncode, done.stderr) == (0, "")
+        done = ran("verilator", "--lint-only", "-Wall", "--top-module", top, *chosen)
+        assert done.stderr == ""
 
 
 def matches_of_bench(tmp_path, suite, case, top, names, *plus):
@@ -607,15 +568,11 @@ def matches_of_bench(tmp_path, suite, case, top, names, *plus):
     folder = tmp_path / "v" / suite / case.name
     files = [folder / f"{PACKAGE}.sv"]
     files += [sources.FOLDER / name for name in (*sources.DEVICE, *names)]
-    command = ["iverilog", "-g2012", "-s", top, "-o", str(tmp_path / "bench.vvp")]
-    subprocess.run([*command, *map(str, files)], check=True)
+    ran("iverilog", "-g2012", "-s", top, "-o", tmp_path / "bench.vvp", *files)
     words = [f"+case={suite}/{case.name}", f"+results={tmp_path / 'results.csv'}", *plus]
-    done = subprocess.run(
-        ["vvp", "-n", str(tmp_path / "bench.vvp"), *words], cwd=folder,
-        capture_output=True, text=True, check=True, timeout=600,
-    )  # fmt: skip
+    said = ran("vvp", "-n", tmp_path / "bench.vvp", *words, cwd=folder).stdout
     verdict = verify(tmp_path / "v", read_results(tmp_path / "results.csv"), kinds=("match",))
-    assert (verdict.differences, done.stdout) == ([], "")
+    assert (verdict.differences, said) == ([], "")
     assert verdict.compared["match"] == len(case.trace().matches) > 0
 
 
@@ -723,13 +680,10 @@ def simulated(tmp_path, bench, units, **values):
     if units:
         files.insert(0, f"{PACKAGE}.sv")
         (tmp_path / files[0]).write_text(package_with(values), encoding="ascii")
-    files += [str(sources.FOLDER / unit) for unit in units]
-    for command in (
-        ["iverilog", "-g2012", "-s", "bench", "-o", "bench.vvp", *files],
-        ["vvp", "-n", "bench.vvp"],
-    ):
-        done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=True)
-    lines = (line.split() for line in done.stdout.splitlines() if re.match(r"-?\d", line))
+    files += [sources.FOLDER / unit for unit in units]
+    ran("iverilog", "-g2012", "-s", "bench", "-o", "bench.vvp", *files, cwd=tmp_path)
+    said = ran("vvp", "-n", "bench.vvp", cwd=tmp_path).stdout
+    lines = (line.split() for line in said.splitlines() if re.match(r"-?\d", line))
     return [[int(word) for word in line] for line in lines]
 
 
@@ -763,10 +717,8 @@ def test_the_activity_is_that_of_the_model_though_the_number_of_events_saturates
         mean_activity, expected = start, []
         for counted in events.tolist():
             number = min(counted, 63)
-            pauses, relative = (
-                int(is_pause(number, mean_activity)),
-                activity_of(number, start if gains > 1 else mean_activity),
-            )
+            pauses = int(is_pause(number, mean_activity))
+            relative = activity_of(number, start if gains > 1 else mean_activity)
             mean_activity = mean_activity_after(mean_activity, number)
             expected.append([pauses, mean_activity, relative, 10 * 15 + 3])
         assert returned_lines == expected
@@ -941,8 +893,7 @@ def test_a_core_that_stands_still_is_a_fault_after_so_many_clocks(tmp_path):
 def test_a_simulation_without_an_end_is_ended_by_the_processors_time(tmp_path):
     """A loop that takes no clock, which the testbench cannot count."""
     (tmp_path / "loop.sv").write_text("module loop; initial while (1) ; endmodule", "ascii")
-    command = ["iverilog", "-g2012", "-o", str(tmp_path / "loop.vvp"), str(tmp_path / "loop.sv")]
-    subprocess.run(command, check=True)
+    ran("iverilog", "-g2012", "-o", tmp_path / "loop.vvp", tmp_path / "loop.sv")
     with pytest.raises(ToolError, match="more than 1 s of the processor"):
         simulation.run_bench(
             tmp_path / "loop.vvp", tmp_path, "loop", tmp_path / "results.csv",
@@ -962,9 +913,8 @@ def test_a_simulation_without_an_end_is_ended_by_the_processors_time(tmp_path):
 def test_the_replay_command_makes_its_own_cases(capsys, words, cases):
     """One of many events, or the random cases of random designs."""
     assert replay.main([*words, "--stall", "10"]) == 0
-    assert re.search(
-        rf"^{cases} cases, 0 differ; equal: [\d,]+ event", capsys.readouterr().out, re.M
-    )
+    told = rf"^{cases} cases, 0 differ; equal: [\d,]+ event"
+    assert re.search(told, capsys.readouterr().out, re.M)
 
 
 def test_the_replay_command_goes_on_behind_the_first_designs(capsys, monkeypatch):
@@ -980,10 +930,8 @@ def test_the_replay_command_goes_on_behind_the_first_designs(capsys, monkeypatch
     whole = held[:]
     assert replay.main(["--designs", "3", "--suite", "random", "--skip", "1"]) == 0
     assert held[3:] == whole[1:]
-    assert (
-        "design 3: 0 of 1 cases differ\n2 cases, 0 differ; equal: 10 event"
-        in capsys.readouterr().out
-    )
+    told = "design 3: 0 of 1 cases differ\n2 cases, 0 differ; equal: 10 event"
+    assert told in capsys.readouterr().out
 
 
 def test_the_replay_command_takes_one_source_of_cases(capsys):
@@ -1096,14 +1044,8 @@ def test_yosys_reads_the_board_design(tmp_path, design, board):
     files = " ".join(map(str, report.source_files(tmp_path, chosen)))
     script = f"read_verilog -sv {files}; hierarchy -check -top {chosen.top}; proc; check -assert"
     cells = {"icebreaker": "ice40/cells_sim.v", "ulx3s": "ecp5/cells_bb.v"}[board]
-    done = subprocess.run(
-        ["yosys", "-q", "-p", f"read_verilog -lib +/{cells}; {script}"],
-        cwd=tmp_path,
-        capture_output=True,
-        text=True,
-        check=False,
-    )
-    assert (done.returncode, "ERROR" in done.stderr + done.stdout) == (0, False), done.stderr
+    done = ran("yosys", "-q", "-p", f"read_verilog -lib +/{cells}; {script}", cwd=tmp_path)
+    assert "ERROR" not in done.stderr + done.stdout
 
 
 def test_missing_tools_are_told_in_one_line(tmp_path, monkeypatch, capsys):

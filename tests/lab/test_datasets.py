@@ -29,6 +29,7 @@ from edge_vpr.evaluation.tracks import great_circle
 from edge_vpr.events import EVENT_DTYPE, Sensor, join_events, make_events
 from tests import naive
 from tests.lab.test_intensity import write_bag as write_messages
+from tests.maps.saved_files import sentence
 from tests.recordings.recording_files import event_array
 
 SMALL = Sensor(6, 5)
@@ -123,14 +124,10 @@ def test_counting_needs_no_tonic():
     )
 
 
-@pytest.mark.slow
-def test_a_busy_pixel_does_not_wrap_as_in_tonics_frames():
-    transforms = pytest.importorskip("tonic.transforms", reason=needs_tonic)
-    n = 40_000
+def test_a_busy_pixel_does_not_wrap_as_in_tonics_frames_of_16_bits():
+    n = 70_000
     busy = np.asarray(make_events(np.arange(n), np.full(n, 3), np.full(n, 2)))
     assert CountPixels(pixel_map([(3, 2)]))(busy).tolist() == [n]
-    frame = transforms.ToFrame(sensor_size=(*SMALL, 2), event_count=n)(busy)
-    assert frame[0, 1, 2, 3] == n - 2**16  # tonic counts in 16 bits: the reason for this transform
 
 
 def test_it_works_after_other_transforms():
@@ -144,14 +141,6 @@ def test_it_works_after_other_transforms():
     counts = chain(np.asarray(events))
     # after alignment the events lie at 0, 1, 13 and 17 us: one window is complete
     assert counts.tolist() == [[1, 1]]
-
-
-def test_tonics_compose_gives_an_empty_slice_back_uncounted():
-    """A limit of tonic: `Compose` stops at no events, so a slice needs the transform itself."""
-    transforms = pytest.importorskip("tonic.transforms", reason=needs_tonic)
-    count, none = CountPixels(pixel_map([(1, 1)])), np.asarray(make_events([], [], []))
-    assert count(none).tolist() == [0]
-    assert transforms.Compose([count])(none).dtype == EVENT_DTYPE
 
 
 @pytest.mark.parametrize("by", ["time", "events"])
@@ -260,11 +249,8 @@ def write_log(path: Path, seconds: int) -> None:
     with path.open("w") as file:
         for second in range(seconds):
             minutes = 30.0 - second * 10 / 1852
-            body = f"GPRMC,0703{14 + second:02d}.00,A,27{minutes:09.6f},S,15254.0,E,0,,210420,,,A"
-            checksum = 0
-            for character in body:
-                checksum ^= ord(character)
-            file.write(f"${body}*{checksum:02X}\r\n")
+            where = f"27{minutes:09.6f},S,15254.0,E"
+            file.write(sentence(f"GPRMC,0703{14 + second:02d}.00,A,{where},0,,210420,,,A"))
 
 
 @pytest.mark.parametrize(("files", "log", "offset_s"), [
@@ -361,18 +347,6 @@ def test_transforms_apply_to_events_and_target(datasets, tmp_path):
     assert name == "FAST2"
     # event i lies at (i mod 346, i mod 260); 680 events, of which the first window holds 340
     assert counts.tolist() == [[2, 2]]
-
-
-def test_a_dataset_can_be_cached_and_sliced_by_tonic(datasets, tmp_path):
-    tonic = pytest.importorskip("tonic", reason=needs_tonic)
-    traverse = qcr("fast2")
-    write_parquet(tmp_path / traverse.file_name("parquet"), np.arange(700) * 100_000)
-    dataset = tonic.MemoryCachedDataset(datasets.QCREventVPR(tmp_path))
-    count = CountPixels(PixelMap.all_of(SENSOR))
-    sliced = tonic.SlicedDataset(
-        dataset, tonic.slicers.SliceByTime(10 * SECOND, start_time=0), transform=count
-    )
-    assert [counts.sum() for counts, _ in sliced] == [100] * 6
 
 
 def test_faulty_events_are_an_error_unless_they_may_be_dropped(datasets, tmp_path):

@@ -7,21 +7,9 @@ import sys
 
 import numpy as np
 import pytest
-from lab.baselines import (
-    Ensemble,
-    Member,
-    compare,
-    match_distances,
-    open_baseline,
-)
+from lab.baselines import Ensemble, Member, compare, match_distances, open_baseline
 from lab.baselines.dense import AbsoluteDifferences, PatchNormalised, mean_cells
-from lab.baselines.networks import (
-    Lens,
-    LensWeights,
-    grid_pixels,
-    load_lens,
-    read_state_dict,
-)
+from lab.baselines.networks import Lens, LensWeights, grid_pixels, load_lens, read_state_dict
 
 from edge_vpr.errors import MissingExtraError, UsageError, WeightsError
 from tests.lab.test_baselines import SETTINGS, places_of
@@ -151,18 +139,6 @@ def test_lens_spikes_as_its_loop_does(seed, thresholds):
     layers = (weights.feature.tolist(), weights.output.tolist())
     expected = naive_lens(images, *layers, 25, thresholds, seed, 3)
     assert spikes.tolist() == expected and np.any(spikes)
-
-
-def test_lens_is_the_network_that_pytorch_and_its_layers_compute():
-    """Without a spike's reset, a step is what torch's linear layers and ReLU give."""
-    torch = pytest.importorskip("torch", reason="torch is not installed (extra torch)")
-    weights = lens_weights(np.random.default_rng(3), 4)
-    image = np.full((1, 3, 3), 255)  # each pixel spikes in each step
-    spikes = Lens(weights, 0, steps=1, thresholds=(1 / 64, 1 / 64)).describe(image)
-    with torch.no_grad():
-        hidden = torch.relu(torch.ones(9) @ torch.from_numpy(weights.feature).T * 64)
-        expected = torch.relu(hidden @ torch.from_numpy(weights.output).T * 64)
-    assert spikes[0].tolist() == expected.tolist()
 
 
 def test_lens_with_weights_of_a_file_finds_the_place_with_the_most_spikes(tmp_path):

@@ -503,18 +503,6 @@ def test_a_polarity_is_1_or_0_or_minus_1_and_anything_else_is_refused(off, on, s
             rows_of(path, on_fault="drop")
 
 
-@pytest.mark.parametrize("chunk", [1, 3, 65_536])
-def test_a_time_far_ahead_makes_those_after_it_late_and_is_counted_so(chunk, tmp_path):
-    t, x, y, p = rows_written()
-    t[50] += 10**9
-    path = write_table(tmp_path / "a.npy", {"t": t, "x": x, "y": y, "p": p})
-    with pytest.raises(RecordingError, match=rf"event 51: .* from {t[50]} to {t[51]} us: sort"):
-        rows_of(path, chunk_events=chunk)
-    rows, recording = rows_of(path, chunk_events=chunk, on_fault="drop")
-    assert [row[0] for row in rows] == (t[:51] - t[0]).tolist()
-    assert recording.faults.backwards == t.size - 51
-
-
 @pytest.mark.parametrize("order", ["xytp", "-txyp", "txy-"])
 @pytest.mark.parametrize("suffix", [".csv", ".npy", ".npz"])
 def test_columns_without_names_are_in_the_stated_order(order, suffix, tmp_path):
