@@ -552,6 +552,8 @@ class Recording:
         Seconds per frame of counts, as the file states or as given; None if the file holds events.
     counted : ndarray of bool, shape (height, width), or None
         Pixels that the file counts, if it names some alone.
+    watch : callable, optional
+        Takes the events of each pass and yields them, for example to show how far it is.
     end_us : int or None
         Where the recording is known to end, after a pass over all of it: count frames end with
         their last frame, and a part of a recording where it was cut. None if only its last event is
@@ -571,6 +573,7 @@ class Recording:
         self.faults = Faults()
         self._source = source
         self._on_fault = on_fault
+        self.watch: Callable[[Iterator[Events]], Iterator[Events]] = iter
         self.end_us: int | None = None
         self.frame_period: Fraction | None = getattr(source, "frame_period", None)
         self._span: tuple[int, int | None] = (0, None)
@@ -600,7 +603,7 @@ class Recording:
             chunks = _walk(self._source, log)
         self.faults, self.end_us = log.faults, None
         whole = self._span == (0, None)
-        return self._whole(log, chunks) if whole else self._cropped(log, chunks)
+        return self.watch(self._whole(log, chunks) if whole else self._cropped(log, chunks))
 
     def cropped(self, crop: TimeCrop) -> Recording:
         """Return the part between two moments; its times count from the part's beginning.

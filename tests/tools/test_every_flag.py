@@ -246,16 +246,6 @@ def test_every_command_line_ends_as_it_should(folder, capsys, monkeypatch):
     assert not wrong, "\n".join(wrong)
 
 
-def test_published_windows_are_not_wrapped_by_a_progress_bar(folder):
-    """A wrapper has no `windows` of its own, so that Python 3.12 does not take it for such."""
-    from edge_vpr_tools.inputs import tracked
-
-    from edge_vpr.descriptors.windows import PublishedWindows
-
-    windows = PublishedWindows(folder / "frames.npz", frame_period="1/10")
-    assert tracked(windows, "counting") is windows
-
-
 def test_what_was_removed_is_in_the_record_of_the_run(folder, tmp_path):
     output = tmp_path / "map.npz"
     words = f"map {folder / 'reference.npz'} -o {output} {SMALL}".split()

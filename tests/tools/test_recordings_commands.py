@@ -9,7 +9,7 @@ import sys
 import numpy as np
 import pytest
 from edge_vpr_tools import cli
-from edge_vpr_tools.inputs import tracked
+from edge_vpr_tools.inputs import watched
 
 from edge_vpr.errors import RecordingError, UsageError
 from edge_vpr.events import Sensor, join_events, make_events
@@ -156,7 +156,7 @@ def test_a_terminal_gets_a_bar_and_the_events_all_the_same(tmp_path, monkeypatch
     monkeypatch.setattr(sys, "stderr", terminal)
     monkeypatch.setenv("TERM", "xterm")
     write_recording(tmp_path / "a.npz", EVENTS, sensor=SENSOR)
-    recording = tracked(open_recording(tmp_path / "a.npz"), "reading it")
+    recording = watched(open_recording(tmp_path / "a.npz"), "reading it")
     assert recording.sensor == SENSOR
     for _ in range(2):
         assert np.array_equal(join_events(list(recording)), EVENTS)

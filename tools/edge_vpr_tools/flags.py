@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Callable, Iterable
-from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
@@ -191,20 +190,20 @@ def with_match_flags(
     online : bool
         Match while the events come, so that nothing is smoothed.
     """
-    settings = reference.settings
+    changes = match_flags(args)
     if online:
         if args.smooth:
             raise UsageError(
                 "--smooth needs all windows after each one, which are not known online: leave it "
                 "out"
             )
-        settings = replace(settings, smooth=False)
-    changed = settings.replaced(match_flags(args), "the command line")
-    _warn_of_no_effect(args, changed, _of_group(_MATCHING_GROUP))
-    if args.stays_on_map and changed.matching == "filter" and changed.smooth:
+        changes["smooth"] = False
+    matched = reference.with_settings(None, changes, "the command line")
+    settings = matched.settings
+    _warn_of_no_effect(args, settings, _of_group(_MATCHING_GROUP))
+    if args.stays_on_map and settings.matching == "filter" and settings.smooth:
         warning("--stays-on-map is for live matches: add --no-smooth")
-    reference.check_table(changed)
-    return reference.matched_with(changed)
+    return matched
 
 
 def _warn_of_no_effect(

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, TypeVar
 
-from edge_vpr.descriptors.counting import Removed, WindowSource
+from edge_vpr.descriptors.counting import Removed
 from edge_vpr.descriptors.windows import PublishedWindows
 from edge_vpr.events import Events
 from edge_vpr.recordings import Recording, open_recording
@@ -16,8 +16,6 @@ from edge_vpr.settings import Settings
 from edge_vpr_tools.console import is_quiet
 
 if TYPE_CHECKING:
-    from rich.console import Console
-
     from edge_vpr.simulation import SimulatedRecording
 
 
@@ -59,68 +57,56 @@ def demo_drives() -> tuple[SimulatedRecording, SimulatedRecording]:
     return simulate_pair(0)
 
 
-class Tracked:
-    """A recording whose every pass shows a progress bar on standard error.
+AnyDrive = TypeVar("AnyDrive", Recording, "Recording | PublishedWindows")
 
-    Attributes are the recording's own (``sensor``, ``start_us``, ...).
+
+def watched(recording: AnyDrive, label: str) -> AnyDrive:
+    """Show the progress of each pass over the events of a recording under `label`."""
+    if isinstance(recording, Recording):
+        recording.watch = lambda events: with_progress(events, label, lambda: recording.position)
+    return recording
+
+
+def with_progress(
+    events: Iterable[Events], label: str, position: Callable[[], float | None] = lambda: None
+) -> Iterator[Events]:
+    """Yield the events, and show a progress bar on standard error if it is a terminal.
+
+    Parameters
+    ----------
+    position : callable, optional
+        Returns which share of them was read, 0 to 1, or None.
     """
+    from rich.console import Console  # slow to load, as all of rich
 
-    def __init__(self, recording: Iterable[Events], label: str) -> None:
-        self._recording = recording
-        self._label = label
+    console = Console(stderr=True)
+    if is_quiet() or not console.is_terminal:
+        yield from events
+        return
+    from rich import progress as rich
 
-    def __getattr__(self, name: str) -> Any:
-        if name.startswith("_"):
-            raise AttributeError(name)
-        return getattr(self._recording, name)
-
-    def __iter__(self) -> Iterator[Events]:
-        from rich.console import Console  # slow to load, as all of rich
-
-        console = Console(stderr=True)
-        shown = self._recording
-        if not is_quiet() and console.is_terminal:
-            shown = self._shown(console)
-        yield from shown
-
-    def _shown(self, console: Console) -> Iterator[Events]:
-        from rich import progress as rich
-
-        columns = (
-            rich.TextColumn("{task.description}"),
-            rich.BarColumn(),
-            rich.TextColumn("{task.fields[events]}"),
-            rich.TimeElapsedColumn(),
-            rich.TextColumn("left:"),
-            rich.TimeRemainingColumn(),
-        )
-        # transient: the bar disappears when the pass ends, and the lines of the command stay
-        with rich.Progress(*columns, console=console, transient=True) as progress:
-            task = progress.add_task(self._label, total=None, events="")
-            n = 0
-            for events in self._recording:
-                yield events
-                n += events.size
-                position = getattr(self._recording, "position", None)
-                progress.update(
-                    task,
-                    events=f"{n:,} events",
-                    total=None if position is None else 1.0,
-                    completed=0.0 if position is None else position,
-                )
-
-
-def tracked(recording: Any, label: str) -> Any:
-    """Wrap a recording so that each pass over it shows its progress under `label`.
-
-    Published windows, which are not iterated, pass through as they are.
-
-    Returns
-    -------
-    Tracked
-        Typed as `Any`, because it stands in for the recording.
-    """
-    return recording if isinstance(recording, WindowSource) else Tracked(recording, label)
+    columns = (
+        rich.TextColumn("{task.description}"),
+        rich.BarColumn(),
+        rich.TextColumn("{task.fields[events]}"),
+        rich.TimeElapsedColumn(),
+        rich.TextColumn("left:"),
+        rich.TimeRemainingColumn(),
+    )
+    # transient: the bar disappears when the pass ends, and the lines of the command stay
+    with rich.Progress(*columns, console=console, transient=True) as progress:
+        task = progress.add_task(label, total=None, events="")
+        n = 0
+        for some in events:
+            yield some
+            n += some.size
+            share = position()
+            progress.update(
+                task,
+                events=f"{n:,} events",
+                total=None if share is None else 1.0,
+                completed=share or 0.0,
+            )
 
 
 def describe_faults(recording: Recording | PublishedWindows) -> str:

@@ -50,7 +50,7 @@ def run(args: argparse.Namespace) -> None:
     from edge_vpr.files import check_output
     from edge_vpr.recordings import write_recording
     from edge_vpr.reference_map import KIND
-    from edge_vpr_tools.inputs import describe_faults, open_from, tracked
+    from edge_vpr_tools.inputs import describe_faults, open_from, watched
 
     check_output(args.output, [args.input])
     if archive_kind(args.input) == KIND:
@@ -59,7 +59,7 @@ def run(args: argparse.Namespace) -> None:
             f"{args.output} in {', '.join(IMAGES[:-1])} or {IMAGES[-1]}"
         )
     recording = open_from(args, args.input)
-    n = write_recording(args.output, tracked(recording, "converting"), overwrite=args.overwrite)
+    n = write_recording(args.output, watched(recording, "converting"), overwrite=args.overwrite)
     summary(f"{args.output}: {n:,} events of {recording.sensor}{describe_faults(recording)}")
 
 

@@ -53,16 +53,16 @@ def run(args: argparse.Namespace) -> None:
     from edge_vpr import results
     from edge_vpr.evaluation.track_files import save_track
     from edge_vpr.reference_map import ReferenceMap
-    from edge_vpr_tools.inputs import demo_drives, tracked
+    from edge_vpr_tools.inputs import demo_drives, with_progress
     from edge_vpr_tools.report.verdict import outcome_of
 
     output = Path(args.output)
     output.absolute().parent.mkdir(parents=True, exist_ok=True)
     results.check_output_folder(output, args.overwrite)
     first, second = demo_drives()
-    first.keep(partial(tracked, label="simulating the reference drive"))
+    first.keep(partial(with_progress, label="simulating the reference drive"))
     label = "simulating the query drive: other speed, other light, other traffic"
-    second.keep(partial(tracked, label=label))
+    second.keep(partial(with_progress, label=label))
     rows, judged_results = [], []
     with status("mapping and matching") as show:
         for name, (preset, changes) in _METHODS.items():

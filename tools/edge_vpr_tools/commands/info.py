@@ -109,7 +109,7 @@ def run(args: argparse.Namespace) -> None:
     from edge_vpr.recordings.reading import SensorNotStated
     from edge_vpr.reference_map import KIND, ReferenceMap
     from edge_vpr.results import json_text
-    from edge_vpr_tools.inputs import open_from, tracked
+    from edge_vpr_tools.inputs import open_from, watched
 
     if archive_kind(args.recording) == KIND:
         info = ReferenceMap.load(args.recording).info()
@@ -127,11 +127,11 @@ def run(args: argparse.Namespace) -> None:
 
     try:
         recording = open_from(args, args.recording)
-        facts = summarise(tracked(recording, "reading"))
+        facts = summarise(watched(recording, "reading"))
     except SensorNotStated:
         args.sensor = f"{LONGEST_SIDE}x{LONGEST_SIDE}"  # which holds all events
         recording = open_from(args, args.recording)
-        facts = replace(summarise(tracked(recording, "reading")), sensor=None)
+        facts = replace(summarise(watched(recording, "reading")), sensor=None)
     if args.track is not None:
         facts = replace(facts, facts=_with_track(args, facts, recording.cropped_us))
     if args.json:

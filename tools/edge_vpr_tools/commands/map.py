@@ -109,7 +109,7 @@ def run(args: argparse.Namespace) -> None:
     from edge_vpr.match_result import removed_record
     from edge_vpr.reference_map import KIND, ReferenceMap
     from edge_vpr.results import json_text, run_record, to_json, write_json
-    from edge_vpr_tools.inputs import describe_faults, describe_removed, open_source, tracked
+    from edge_vpr_tools.inputs import describe_faults, describe_removed, open_source, watched
 
     output = Path(args.output)
     # a map is read whole before it is written
@@ -154,7 +154,7 @@ def run(args: argparse.Namespace) -> None:
     for path, its_track in itertools.zip_longest(args.more, of_drives):
         other = open_source(args, path, reference.camera)
         update = reference.update(
-            tracked(other, "learning"), track=its_track, same_route=args.same_route
+            watched(other, "learning"), track=its_track, same_route=args.same_route
         )
         summary(f"{path}: {update}{describe_faults(other)}")
         drives[path] = update.drive
@@ -211,12 +211,12 @@ def _mapped(
     """Return the map of the reference drive, and the time that it took in seconds."""
     from edge_vpr.compiling import working_s
     from edge_vpr.reference_map import ReferenceMap
-    from edge_vpr_tools.inputs import tracked
+    from edge_vpr_tools.inputs import watched
 
     detail_settings(settings.to_dict())
     start = working_s()
     reference = ReferenceMap.build(
-        tracked(recording, "mapping"), settings, pixel_map=args.pixel_map,
+        watched(recording, "mapping"), settings, pixel_map=args.pixel_map,
         hot=_hot_pixel_file(args), track=track, odometry=args.odometry,
         removed=removed,
     )  # fmt: skip

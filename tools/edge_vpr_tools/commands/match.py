@@ -23,17 +23,14 @@ from edge_vpr_tools.flags import (
     add_reading_arguments,
     add_window_argument,
     figure_formats,
-    match_flags,
     with_match_flags,
 )
 
 if TYPE_CHECKING:
     from edge_vpr.descriptors.windows import PublishedWindows
-    from edge_vpr.match_result import MatchResult
     from edge_vpr.matching.matches import Matches
     from edge_vpr.recordings import Recording
     from edge_vpr.reference_map import ReferenceMap
-    from edge_vpr.route import Odometry
 
 
 EXAMPLES = """\
@@ -97,7 +94,7 @@ def run(args: argparse.Namespace) -> None:
     from edge_vpr.reference_map import KIND as MAP_KIND
     from edge_vpr.reference_map import ReferenceMap
     from edge_vpr.route import length_m
-    from edge_vpr_tools.inputs import describe_faults, describe_removed, open_source, tracked
+    from edge_vpr_tools.inputs import describe_faults, describe_removed, open_source, watched
     from edge_vpr_tools.report.verdict import outcome_of
 
     output = Path(args.output)
@@ -120,21 +117,17 @@ def run(args: argparse.Namespace) -> None:
         check_track_file(path, reference)
         check_new_file(Path(path), inputs, args.overwrite)
     with_flags = with_match_flags(args, reference, online=args.online)
-    _ = with_flags.acceptance  # a precision that the table cannot reach is an error before any work
     if args.every is not None and not args.online:
         raise UsageError("--every says when to match online: add --online, or leave it out")
     odometry = None if args.odometry is None else load_odometry(args.odometry)
     detail_settings(with_flags.settings.to_dict())
-    recording: Recording | PublishedWindows
-    if args.online:
-        recording, result = _match_online(args, reference, odometry)
-    else:
-        recording = open_source(args, args.recording, reference.camera)
-        result = reference.match(
-            tracked(recording, "counting"),
-            odometry=odometry,
-            **match_flags(args),
-        )
+    recording = open_source(args, args.recording, reference.camera)
+    result = reference.match(
+        watched(recording, "localising" if args.online else "counting"),
+        every=(args.every or "event") if args.online else None,
+        settings=with_flags.settings,
+        odometry=odometry,
+    )
     faults = describe_faults(recording)
     queries, matches, metrics = result.queries, result.matches, result.metrics
     warn_of_few_places(args.map, result.reference)
@@ -185,23 +178,6 @@ def run(args: argparse.Namespace) -> None:
             f"edge-vpr evaluate {quote(str(output))} --ground-truth MAP_TRACK QUERY_TRACK "
             "--tolerance METRES"
         )
-
-
-def _match_online(
-    args: argparse.Namespace, reference: ReferenceMap, odometry: Odometry | None
-) -> tuple[Recording, MatchResult]:
-    """Feed the recording to a localiser event by event, as a device does."""
-    from edge_vpr_tools.inputs import open_from, tracked
-
-    if args.frames_as_windows:
-        raise UsageError("--online needs events: leave --frames-as-windows out")
-    recording = open_from(args, args.recording, reference.camera)
-    return recording, reference.match(
-        tracked(recording, "localising"),
-        every=args.every or "event",
-        odometry=odometry,
-        **match_flags(args),
-    )
 
 
 def _check_matrix(matrix: Path, inputs: list[str], args: argparse.Namespace) -> None:

@@ -66,13 +66,13 @@ def load_of(args: argparse.Namespace) -> Load:
     from edge_vpr.recordings import open_recording
     from edge_vpr.reference_map import ReferenceMap
     from edge_vpr.simulation import simulate_pair
-    from edge_vpr_tools.inputs import tracked
+    from edge_vpr_tools.inputs import with_progress
     from edge_vpr_tools.profile.workload import STREET_M, Load, street_load
 
     if args.map is None:
         pair = simulate_pair(0, length_m=STREET_M)
         for name, drive in zip(("reference", "query"), pair, strict=True):
-            drive.keep(partial(tracked, label=f"simulating the {name}"))
+            drive.keep(partial(with_progress, label=f"simulating the {name}"))
         return street_load(*pair)
     reference = ReferenceMap.load(args.map)
     recording = open_recording(args.recording, default=reference.camera)

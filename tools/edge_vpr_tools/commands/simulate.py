@@ -60,7 +60,7 @@ def run(args: argparse.Namespace) -> None:
     from edge_vpr.results import RUN, check_output_folder, results_folder, run_record, write_json
     from edge_vpr.simulation import QUERY, REFERENCE, simulate_pair
     from edge_vpr.simulation.drive import wheel_odometry
-    from edge_vpr_tools.inputs import tracked
+    from edge_vpr_tools.inputs import with_progress
 
     output = Path(args.output)
     check_output_folder(output, args.overwrite)
@@ -76,7 +76,7 @@ def run(args: argparse.Namespace) -> None:
         for name, recording in zip(("reference", "query"), pair, strict=True):
             path = folder / f"{name}.npz"
             written = write_recording(
-                path, tracked(recording, f"driving the {name}"), sensor=recording.sensor
+                path, with_progress(recording, f"driving the {name}"), sensor=recording.sensor
             )
             save_track(folder / f"{name}_track.csv", recording.track)
             wheel = wheel_odometry(recording.track, np.random.default_rng((recording.seed, _WHEEL)))
