@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from dataclasses import dataclass
 from fractions import Fraction
 from functools import partial
@@ -23,8 +23,8 @@ from edge_vpr.route import Kind
 
 #: Number of distances that are computed at a time: a few arrays of 8 MB.
 BLOCK_CELLS = 1 << 20
-#: Of a larger truth only the true cells are kept: 64 MB.
-MOST_CELLS = 1 << 26
+#: a larger truth is refused: 2 GiB
+MOST_CELLS = 2 << 30
 
 
 #: a truth that a larger share of all pairs of place and query passes is refused
@@ -89,59 +89,6 @@ class TruePositions:
 
 
 @dataclass(frozen=True, eq=False)
-class TrueCells(EqualByValue):
-    """A sparse matrix of bool: it stores the true cells, and has the operations that truth needs.
-
-    >>> cells = TrueCells((3, 2), np.array([1, 5]))
-    >>> np.asarray(cells).astype(int).tolist(), cells[[0, 2], [0, 1]].tolist()
-    ([[0, 0], [1, 0], [0, 1]], [False, True])
-    """
-
-    shape: tuple[int, int]  #: K and Q.
-    #: Shape (n,): ``query * K + place`` of each true cell, strictly increasing.
-    flat: npt.NDArray[np.int64]
-    dtype = np.dtype(np.bool_)
-    ndim = 2
-
-    @classmethod
-    def of_blocks(
-        cls, shape: tuple[int, int], blocks: Iterable[tuple[int, npt.NDArray[np.bool_]]]
-    ) -> TrueCells:
-        """Gather the true cells of blocks of rows, each with the index of its first row."""
-        flat = []
-        for first, block in blocks:
-            query, place = np.nonzero(block.T)
-            flat.append(query * shape[0] + first + place)
-        return cls(shape, np.sort(np.concatenate(flat)))
-
-    def __getitem__(self, cells: Any) -> npt.NDArray[np.bool_]:
-        """Return cells ``[place, query]``, or with ``[:, query]`` those of all places."""
-        place, query = cells
-        if isinstance(place, slice):
-            place = np.arange(self.shape[0])[place]
-        wanted = np.asarray(query) * self.shape[0] + np.asarray(place) % self.shape[0]
-        at = np.searchsorted(self.flat, wanted)
-        return np.asarray(np.append(self.flat, -1)[at] == wanted)
-
-    def __array__(self, dtype: Any = None, copy: bool | None = None) -> npt.NDArray[Any]:
-        """Return the whole matrix."""
-        whole = np.zeros(self.shape, np.bool_ if dtype is None else dtype)
-        whole[self.nonzero()] = True
-        return whole
-
-    def nonzero(self) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64]]:
-        """Return places and queries of the true cells, in order of the queries."""
-        query, place = np.divmod(self.flat, self.shape[0])
-        return place, query
-
-    def any(self, axis: Literal[0]) -> npt.NDArray[np.bool_]:
-        """Return whether each query has a true cell, shape (Q,)."""
-        has_cell = np.zeros(self.shape[1], dtype=np.bool_)
-        has_cell[self.nonzero()[1]] = True
-        return has_cell
-
-
-@dataclass(frozen=True, eq=False)
 class GroundTruth(EqualByValue):
     """The correct places of each query.
 
@@ -150,9 +97,8 @@ class GroundTruth(EqualByValue):
 
     Attributes
     ----------
-    correct : ndarray of bool or TrueCells, shape (K, Q)
-        ``correct[k, j]``: place k is correct for query j. Oriented as the distance matrix. Of more
-        than 64 Mi cells only the true ones are kept; `numpy.asarray` gives them all.
+    correct : ndarray of bool, shape (K, Q)
+        ``correct[k, j]``: place k is correct for query j. Oriented as the distance matrix.
     has_truth : ndarray of bool, shape (Q,)
         Whether the truth of this query is known: its position is, and no place of unknown position
         can be correct for it. Only these queries are evaluated.
@@ -167,7 +113,7 @@ class GroundTruth(EqualByValue):
         Of the reference and of the query, where it is of these.
     """
 
-    correct: npt.NDArray[np.bool_] | TrueCells
+    correct: npt.NDArray[np.bool_]
     has_truth: npt.NDArray[np.bool_]
     description: str
     positions: TruePositions | None = None
@@ -180,9 +126,7 @@ class GroundTruth(EqualByValue):
         return f"GroundTruth({number} of {queries} queries known, {places} places)"
 
     def __post_init__(self) -> None:
-        correct, has_truth = self.correct, np.asarray(self.has_truth)
-        if not isinstance(correct, TrueCells):
-            correct = np.asarray(correct)
+        correct, has_truth = np.asarray(self.correct), np.asarray(self.has_truth)
         if correct.dtype != np.bool_ or has_truth.dtype != np.bool_ or correct.ndim != 2:
             raise GroundTruthError(
                 f"ground truth is {correct.dtype} {correct.shape} with has_truth "
@@ -229,8 +173,7 @@ class GroundTruth(EqualByValue):
         """Share of correct cells among all that can be judged: the accuracy of guessing."""
         assert self.placed is not None
         cells = int(self.has_truth.sum()) * int(self.placed.sum())
-        true = self.correct.flat.size if isinstance(self.correct, TrueCells) else self.correct.sum()
-        return int(true) / max(cells, 1)
+        return int(self.correct.sum()) / max(cells, 1)
 
     @property
     def has_place(self) -> npt.NDArray[np.bool_]:
@@ -273,7 +216,7 @@ class GroundTruth(EqualByValue):
 
 
 def _described_truth(
-    correct: npt.NDArray[np.bool_] | TrueCells,
+    correct: npt.NDArray[np.bool_],
     judged: npt.NDArray[np.bool_],
     source: str,
     positions: TruePositions | None = None,
@@ -313,19 +256,18 @@ def _window_times(values: npt.ArrayLike, which: str) -> Floats:
 
 def within(
     places: Floats, queries: Floats, distance: Callable[[Floats, Floats], Floats], tolerance: float
-) -> TrueCells | npt.NDArray[np.bool_]:
+) -> npt.NDArray[np.bool_]:
     """Return which places are near which queries, shape (K, Q); never where a distance is NaN."""
-    shape = (len(places), len(queries))
-    step = max(1, BLOCK_CELLS // len(queries))
-    blocks = (
-        (first, distance(places[first : first + step, None], queries[None]) <= tolerance)
-        for first in range(0, len(places), step)
-    )
     if len(places) * len(queries) > MOST_CELLS:
-        return TrueCells.of_blocks(shape, blocks)
-    near = np.empty(shape, dtype=np.bool_)
-    for first, block in blocks:
-        near[first : first + step] = block
+        raise GroundTruthError(
+            f"the truth of {len(queries):,} queries and {len(places):,} places takes "
+            f"{len(places) * len(queries) / 1e9:.1f} GB: match a part of the drive (end=)"
+        )
+    near = np.empty((len(places), len(queries)), dtype=np.bool_)
+    step = max(1, BLOCK_CELLS // len(queries))
+    for first in range(0, len(places), step):
+        away = distance(places[first : first + step, None], queries[None])
+        near[first : first + step] = away <= tolerance
     return near
 
 

@@ -20,7 +20,7 @@ from matplotlib.lines import Line2D
 
 from edge_vpr.descriptors.windows import Descriptors
 from edge_vpr.evaluation.calibration import Reliability
-from edge_vpr.evaluation.ground_truth import GroundTruth, TrueCells
+from edge_vpr.evaluation.ground_truth import GroundTruth
 from edge_vpr.evaluation.metrics import Evaluation
 from edge_vpr.matching.distances import ReferenceIndex
 from edge_vpr.matching.matches import Matches
@@ -557,7 +557,7 @@ def _truth_band(axes: Axes, truth: GroundTruth) -> None:
     axes.set_ylim(-0.5, places - 0.5)
 
 
-def true_cells(correct: npt.NDArray[np.bool_] | TrueCells) -> npt.NDArray[np.bool_]:
+def true_cells(correct: npt.NDArray[np.bool_]) -> npt.NDArray[np.bool_]:
     """Return the cells of a picture of at most 2,000 on a side with a true place, widened.
 
     One of hundreds of places would be thinner than a pixel of the picture.
