@@ -139,7 +139,7 @@ def learn_drive(
             + "; if this is one, windows could not be aligned by matching: make the map with the "
             "track of its drive, and give that of this drive (track=) too" * (not by_track)
         )
-    code, initial = reference.own_mean_code, reference.mean
+    code, initial = reference.contrast_code, reference.mean
     if code is None or initial is None:
         fine = reference.coded(counted).counts.astype(np.int64) << FRACTION_BITS
     else:

@@ -17,7 +17,7 @@ import numpy.typing as npt
 
 from edge_vpr.archive import archive_kind
 from edge_vpr.descriptors.cleaning import can_be_searched, find_hot_pixels, load_hot_pixels
-from edge_vpr.descriptors.codes import codes_of, counted_events, drive_mean, limits_of
+from edge_vpr.descriptors.codes import counted_events, drive_mean, limits_of, saturated
 from edge_vpr.descriptors.counting import (
     AnyRecording,
     DescriptorStream,
@@ -47,10 +47,9 @@ from edge_vpr.descriptors.windows import (
     Descriptors,
     FixedTime,
     activity_of_drive,
-    narrow,
     overlapping,
 )
-from edge_vpr.errors import EdgeVprWarning, UsageError, expect
+from edge_vpr.errors import EdgeVprWarning, MapError, UsageError, expect
 from edge_vpr.evaluation.tables import TableData, load_odometry
 from edge_vpr.evaluation.track_files import AnyTrack, load_track
 from edge_vpr.evaluation.tracks import UNIX_US, Track, with_positions
@@ -61,7 +60,6 @@ from edge_vpr.recordings.memory import column_names
 from edge_vpr.reference_map import KIND, ReferenceMap
 from edge_vpr.route import Odometry
 from edge_vpr.settings import Preset, Settings, resolve_settings
-from fixedpoint.codes import learn_full_scale
 
 # A map of a drive, and of another one too.
 
@@ -174,7 +172,7 @@ def describe(
     recording : recording or path
         A path is opened by `open_recording`.
     settings : Settings
-        Of the map, with counts or with a code that is the same for all pixels.
+        Of the map, with counts: contrast codes need the mean of a drive.
 
     Returns
     -------
@@ -189,12 +187,12 @@ def describe(
     recording = opened(recording)
     expect(pixel_map, PixelMap, "pixel_map", "a PixelMap, as of select_pixels or of a map")
     expect(settings, Settings, "settings", "Settings, as of a map or of resolve_settings")
-    counters = len(pixel_map)
-    codes = codes_of(settings, counters)
-    counted = count_windows(recording, pixel_map, settings)
-    if codes is None:
-        return counted
-    return replace(counted, counts=narrow(codes.encode(counted.counts)))
+    if settings.contrast_code is not None:
+        raise MapError(
+            "contrast codes need the mean of a drive: take ReferenceMap.match, or counts with "
+            "settings.uncoded"
+        )
+    return saturated(count_windows(recording, pixel_map, settings), settings.most_counted)
 
 
 def describe_query(
@@ -268,8 +266,8 @@ def map_traverse(
         settings = settings.replaced({"tau_us": recording.window_us}, "the published windows")
         if pixel_map is not None:
             check_counted(recording, pixel_map, settings)
-    # the released code selects by clipped counts; with other codes, pixels are selected by plain
-    # counts, so that maps with different codes have the same pixels
+    # the released code selects by clipped counts; with codes, pixels are selected by plain counts,
+    # so that maps with different codes have the same pixels
     needs_events = settings.window == "count"
     parts = 1 if needs_events else settings.window_parts
     with PixelStatistics(sensor, clip=settings.clip, parts=parts) as first:
@@ -421,24 +419,19 @@ def coded_map(counted: ReferenceMap, settings: Settings) -> ReferenceMap:
         Of the map to make.
     """
     places, windows = counted.places, counted.windows
-    counts, events = places.counts, places.selected_events
-    full_scale, mean, limits, that_count = None, None, None, None
-    code = settings.own_mean_code
-    if code is not None:
-        limits = limits_of(windows.counts)
-        that_count, of_windows = (counted_events(each.counts, limits) for each in (places, windows))
-        windows = replace(windows, counted=of_windows)
-        mean = drive_mean(windows, code, activity_of_drive(of_windows))
-        coded: npt.NDArray[np.unsignedinteger] = code.encode(counts, mean)
-    else:
-        full_scale = learn_full_scale(windows.counts) if settings.learns_full_scale else None
-        codes = codes_of(settings, counts.shape[1], full_scale)
-        coded = counts if codes is None else narrow(codes.encode(counts))
+    code, selected = settings.contrast_code, places.selected_events
+    if code is None:
+        places = replace(saturated(places, settings.most_counted), selected=selected)
+        return replace(counted, settings=settings, places=places)
+    limits = limits_of(windows.counts)
+    that_count, of_windows = (counted_events(each.counts, limits) for each in (places, windows))
+    windows = replace(windows, counted=of_windows)
+    mean = drive_mean(windows, code, activity_of_drive(of_windows))
+    coded = code.encode(places.counts, mean)
     return replace(
         counted,
         settings=settings,
-        places=replace(places, counts=coded, selected=events, counted=that_count),
-        full_scale=full_scale,
+        places=replace(places, counts=coded, selected=selected, counted=that_count),
         mean=mean,
         limits=limits,
     )

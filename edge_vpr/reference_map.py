@@ -26,7 +26,7 @@ from edge_vpr.archive import (
     write_archive,
 )
 from edge_vpr.confidence import TRUST_RULE, Acceptance, Confidence
-from edge_vpr.descriptors.codes import codes_of, counted_events, encode_own, encode_running
+from edge_vpr.descriptors.codes import counted_events, encode_own, encode_running, saturated
 from edge_vpr.descriptors.counting import AnyRecording, Removed
 from edge_vpr.descriptors.pixels import PixelMap
 from edge_vpr.descriptors.windows import Descriptors, activity_of_drive, check_descriptors, narrow
@@ -35,9 +35,8 @@ from edge_vpr.events import Sensor, SensorSize
 from edge_vpr.recordings.reading import Camera
 from edge_vpr.route import MOST_MM, Odometry, Route, length_m
 from edge_vpr.settings import MatchingChanges, Preset, SettingChanges, Settings
-from fixedpoint.codes import PixelCodes, packed_bytes
-from fixedpoint.errors import FixedPointError
-from fixedpoint.own_mean import FULL_SCALE, OwnMeanCode
+from fixedpoint.formats import packed_bytes
+from fixedpoint.own_mean import FULL_SCALE, ContrastCode
 
 if TYPE_CHECKING:
     from edge_vpr.evaluation.tables import TableData
@@ -58,31 +57,12 @@ def check_distance_driven(odometer_mm: npt.NDArray[Any], places: int) -> None:
         raise MapError("the distance driven falls from place to place: expected that it rises")
 
 
-def check_codes(
-    settings: Settings, counts: npt.NDArray[Any], full_scale: npt.NDArray[Any] | None
-) -> None:
-    """Check that all codes of the places occur in the tables of their counters."""
-    try:
-        codes = codes_of(settings, counts.shape[1], full_scale)
-    except FixedPointError as error:
-        raise MapError(f"the codes of the map: {error}") from error
-    if codes is None:
-        return
-    top = np.array([code.top for code in codes.codes], dtype=np.int64)[codes.row]
-    above = np.flatnonzero(counts.max(axis=0) > top)
-    if above.size:
-        j = int(above[0])
-        raise MapError(
-            f"counter {j} holds the code {counts[:, j].max()}: expected codes up to {top[j]}"
-        )
-
-
 # A map.
 
 
 KIND = "reference map"
 #: arrays that only some maps have
-_OPTIONAL = ("full_scale", "mean", "limits", "odometer_mm", "learnt_mean", "drives")
+_OPTIONAL = ("mean", "limits", "odometer_mm", "learnt_mean", "drives")
 
 
 def size_text(bytes_per_window: int, window_us: int) -> str:
@@ -116,11 +96,8 @@ class ReferenceMap(EqualByValue):
         Variance (or mean) that the pixels were drawn from; for figures.
     hot : ndarray of bool, shape (height, width)
         Pixels that were left out.
-    full_scale : ndarray of uint16, shape (J,), optional
-        Of each counter's code, where the settings scale it to each pixel.
     mean : ndarray of int32, shape (J,), optional
-        Mean logarithm of each counter over this drive in units of 1/256 octave, where the settings
-        take codes against it.
+        Mean logarithm of each counter over this drive in units of 1/256 octave, of contrast codes.
     confidence : Confidence, optional
         Probability of matches with these settings, learnt from an evaluated drive.
     route : Route, optional
@@ -146,7 +123,6 @@ class ReferenceMap(EqualByValue):
     places: Descriptors
     saliency: npt.NDArray[np.float32]
     hot: npt.NDArray[np.bool_]
-    full_scale: npt.NDArray[np.uint16] | None = None
     mean: npt.NDArray[np.int32] | None = None
     limits: npt.NDArray[np.int32] | None = None
     confidence: Confidence | None = None
@@ -188,26 +164,25 @@ class ReferenceMap(EqualByValue):
         if not np.isfinite(self.saliency).all():
             raise MapError("saliency holds values that are not finite: expected variances or means")
         check_array(self.hot, "hot", (np.bool_,), shape)
-        if self.full_scale is not None:
-            check_array(self.full_scale, "full_scale", (np.uint16,), (counters,))
         if self.route is not None and len(self.route.along_m) != len(places):
             raise MapError(f"position has {len(self.route.along_m)} rows for {len(places)} places")
         if self.odometer_mm is not None:
             check_distance_driven(self.odometer_mm, len(places))
         self._check_learnt()
-        own_mean = self.own_mean_code
-        if own_mean is None:
-            check_codes(settings, places.counts, self.full_scale)
+        code, most = self.contrast_code, settings.most_counted
+        if code is None:
+            if most is not None:
+                check_range(places.counts, "counts", 0, most)
             return
         if self.mean is None:
-            raise MapError("the map has own-mean codes and lacks mean: make the map again")
+            raise MapError("the map has contrast codes and lacks mean: make the map again")
         check_array(self.mean, "mean", (np.int32,), (counters,))
-        check_range(self.mean, "mean", 0, int(own_mean.levels[-1]))
+        check_range(self.mean, "mean", 0, int(code.levels[-1]))
         if self.limits is None:
-            raise MapError("the map has own-mean codes and lacks limits: make the map again")
+            raise MapError("the map has contrast codes and lacks limits: make the map again")
         check_array(self.limits, "limits", (np.int32,), (counters,))
         check_range(self.limits, "limits", 0, FULL_SCALE)
-        check_range(places.counts, "counts", 0, (1 << own_mean.bits) - 1)
+        check_range(places.counts, "counts", 0, (1 << code.bits) - 1)
 
     def _check_learnt(self) -> None:
         """Check the shapes of what was learnt from several drives, if it is there."""
@@ -482,19 +457,9 @@ class ReferenceMap(EqualByValue):
         return activity_of_drive(self.windows.counted_events)
 
     @property
-    def codes(self) -> PixelCodes | None:
-        """Counter codes of the places; None if the places hold event counts.
-
-        Also None with own-mean codes, which have no fixed table (see `own_mean_code`).
-        """
-        if self.own_mean_code is not None:
-            return None
-        return codes_of(self.settings, self.places.counts.shape[1], self.full_scale)
-
-    @property
-    def own_mean_code(self) -> OwnMeanCode | None:
-        """The own-mean code; None if the places hold counts or other codes."""
-        return self.settings.own_mean_code
+    def contrast_code(self) -> ContrastCode | None:
+        """The contrast code; None if the places hold counts."""
+        return self.settings.contrast_code
 
     @property
     def along_mm(self) -> npt.NDArray[np.int64] | None:
@@ -536,19 +501,14 @@ class ReferenceMap(EqualByValue):
 
     def coded(self, counted: Descriptors) -> Descriptors:
         """Replace the counts of a query by the codes of this map."""
-        code = self.own_mean_code
+        code = self.contrast_code
         if code is not None and self.mean is not None:
             activity, gains = self.mean_activity, self.settings.hypotheses
             counted = replace(counted, counted=self.counted_events(counted))
             if self.settings.running_mean:
                 return encode_running(counted, code, self.mean, activity, gains)
             return encode_own(counted, code, activity, gains)
-        counters = counted.counts.shape[1]
-        codes = codes_of(self.settings, counters, self.full_scale)
-        if codes is None:
-            return counted
-        described = narrow(codes.encode(counted.counts))
-        return replace(counted, counts=described, selected=counted.selected_events)
+        return saturated(counted, self.settings.most_counted)
 
     def counted_events(self, counted: Descriptors) -> npt.NDArray[np.int64]:
         """Return the events of each window of counts that count, shape (n,)."""
@@ -557,13 +517,11 @@ class ReferenceMap(EqualByValue):
         return counted_events(counted.counts, self.limits)
 
     def decoded(self, descriptors: Descriptors) -> Descriptors:
-        """Replace codes by counts for plots, each by the middle of the counts with that code."""
-        code = self.own_mean_code
-        if code is not None and self.mean is not None:
-            return replace(descriptors, counts=narrow(code.decode(descriptors.counts, self.mean)))
-        if self.codes is None:
+        """Replace contrast codes by typical counts, for plots."""
+        code = self.contrast_code
+        if code is None or self.mean is None:
             return descriptors
-        return replace(descriptors, counts=narrow(self.codes.decode(descriptors.counts)))
+        return replace(descriptors, counts=narrow(code.decode(descriptors.counts, self.mean)))
 
     @property
     def bytes_per_place(self) -> int:
@@ -573,8 +531,10 @@ class ReferenceMap(EqualByValue):
     @property
     def counter_bits(self) -> int:
         """Number of bits of the code of a counter, or of its stored count."""
-        code = self.settings.shared_code
-        return 8 * self.places.counts.itemsize if code is None else code.bits
+        code, most = self.contrast_code, self.settings.most_counted
+        if code is not None:
+            return code.bits
+        return 8 * self.places.counts.itemsize if most is None else most.bit_length()
 
     @property
     def places_text(self) -> str:

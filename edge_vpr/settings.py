@@ -28,11 +28,10 @@ from typing import (
 
 from edge_vpr.errors import UsageError, as_path, did_you_mean, expect
 from edge_vpr.files import read_toml
-from fixedpoint.limits import MAX_BITS, MAX_FULL_SCALE, OWN_MEAN_BITS
+from fixedpoint.limits import CONTRAST_BITS, MAX_BITS, MAX_COUNT
 
 if TYPE_CHECKING:
-    from fixedpoint.codes import CounterCode
-    from fixedpoint.own_mean import OwnMeanCode
+    from fixedpoint.own_mean import ContrastCode
 
 
 # Types of the settings that are chosen from a few words.
@@ -44,11 +43,7 @@ STRATEGIES: tuple[str, ...] = get_args(Strategy)
 #: (``PartName("edvs:format=E3")``). Python itself takes the text alone.
 PartName = NewType("PartName", str)
 WindowKind = Literal["time", "count"]
-CounterCodeName = Literal["none", "linear", "sqrt", "log"]
-CODES: tuple[str, ...] = get_args(CounterCodeName)
-CounterScaling = Literal["shared", "per-pixel", "own-mean", "contrast"]
-#: scalings of logarithms less a mean, whose codes have no fixed table
-OWN_MEAN_SCALINGS: tuple[CounterScaling, ...] = ("own-mean", "contrast")
+CounterCode = Literal["none", "linear", "contrast"]
 Matching = Literal["sequence", "filter"]
 Score = Literal["distance", "ratio", "margin", "trust"]
 Preset = Literal["default", "paper", "seed-code", "tiny"]
@@ -296,7 +291,7 @@ def shown(value: object) -> str:
 
 
 _FILTER, _SEQUENCE = ("matching", ("filter",)), ("matching", ("sequence",))
-_CODE = ("counter_code", ("linear", "sqrt", "log"))
+_CODE = ("counter_code", ("linear", "contrast"))
 
 
 def _group(title: str, **settings: SettingField) -> dict[str, SettingField]:
@@ -364,22 +359,16 @@ _COUNTERS = _group(
         metavar="N",
         words={"none": None},
         least=1,
-        most=MAX_FULL_SCALE,
+        most=MAX_COUNT,
         more="Pixels are selected by the clipped counts too.",
     ),
     counter_code=SettingField(
-        help="how counts are compressed to a few bits; none: not at all",
-        more="Another code than log, or a clip, turns contrast into shared, which has one gain.",
+        help="how counts are stored in a few bits: saturating (linear), or as logarithms minus the "
+        "pixel's mean over the drive and the window's mean (contrast); none: as they are",
+        more="Contrast codes hardly change with light or speed.",
     ),
     counter_bits=SettingField(
         help="bits per code", metavar="B", least=1, most=MAX_BITS, needs=_CODE
-    ),
-    counter_scaling=SettingField(
-        help="how counts are normalised: by one range for all pixels (shared); by each pixel's "
-        "range in the reference (per-pixel); as logarithms minus the pixel's mean over the drive "
-        "(own-mean), or also minus the window's mean (contrast)",
-        more="Own-mean codes hardly change with the light; contrast codes hardly change with light "
-        "or speed.",
     ),
 )
 _MATCHING = _group(
@@ -479,9 +468,8 @@ class Settings:
     events_per_pixel: float | None = 3.0
     places_per_window: int | None = 1
     clip: int | None = None
-    counter_code: CounterCodeName = "none"
+    counter_code: CounterCode = "none"
     counter_bits: int = 3
-    counter_scaling: CounterScaling = "shared"
     remove_hot_pixels: bool = True
     remove_bursts: bool = True
     matching: Matching = "sequence"
@@ -550,7 +538,7 @@ class Settings:
 
     @property
     def running_mean(self) -> bool:
-        """Whether own-mean codes of a query subtract a running mean, as on a robot.
+        """Whether contrast codes of a query subtract a running mean, as on a robot.
 
         Smoothed drives and sequences subtract the mean of the whole query drive.
         """
@@ -561,7 +549,7 @@ class Settings:
         """Score by which an evaluation accepts matches if none is named."""
         if self.matching == "filter":
             return "trust"
-        return "distance" if self.counter_code in ("none", "linear") else "ratio"
+        return "ratio" if self.counter_code == "contrast" else "distance"
 
     @property
     def of_map(self) -> dict[str, Any]:
@@ -610,15 +598,9 @@ class Settings:
             "window": (not filters or self.window == "time", "time"),
         }
         if filters:
-            wanted |= {
-                "counter_code": (self.counter_code == "log", "log"),
-                "counter_scaling": (self.counter_scaling == "contrast", "contrast"),
-            }
+            wanted["counter_code"] = (self.counter_code == "contrast", "contrast")
         else:
-            wanted |= {
-                "counter_code": (self.counter_code in ("none", "linear"), "linear"),
-                "counter_scaling": (self.counter_scaling == "shared", "shared"),
-            }
+            wanted["counter_code"] = (self.counter_code != "contrast", "linear")
         return {name: value for name, (fits, value) in wanted.items() if not fits}
 
     @property
@@ -633,31 +615,18 @@ class Settings:
         return (*shared, self.filter_restart, self.hypotheses, self.smooth)
 
     @property
-    def own_mean_code(self) -> OwnMeanCode | None:
-        """The own-mean or contrast code of the counters; None with other codes."""
-        if self.counter_code == "none" or self.counter_scaling not in OWN_MEAN_SCALINGS:
+    def contrast_code(self) -> ContrastCode | None:
+        """The contrast code of the counters; None if descriptors hold counts."""
+        if self.counter_code != "contrast":
             return None
-        from fixedpoint.own_mean import OwnMeanCode
+        from fixedpoint.own_mean import ContrastCode
 
-        contrast = self.counter_scaling == "contrast"
-        return OwnMeanCode(self.counter_bits, contrast=contrast)
-
-    @property
-    def shared_code(self) -> CounterCode | None:
-        """The code of the counters; None if descriptors hold the counts themselves.
-
-        With a scaling of each pixel, only the kind and the bits of this code are used.
-        """
-        from fixedpoint.codes import CounterCode
-
-        if self.counter_code != "none":
-            return CounterCode(self.counter_code, self.counter_bits)
-        return CounterCode.saturating(self.clip) if self.clip else None
+        return ContrastCode(self.counter_bits)
 
     @property
-    def learns_full_scale(self) -> bool:
-        """Whether each pixel has its own full scale, taken from the reference."""
-        return self.counter_code != "none" and self.counter_scaling == "per-pixel"
+    def most_counted(self) -> int | None:
+        """Count at which counters saturate; None if they do not, or hold contrast codes."""
+        return (1 << self.counter_bits) - 1 if self.counter_code == "linear" else self.clip
 
     def _check_events_per_window(self) -> None:
         if self.window == "count" and self.events_per_window > MOST:
@@ -677,24 +646,16 @@ class Settings:
                 f"setting clip = {self.clip} with counter_code = {self.counter_code}: only one of "
                 "them can be used; set clip or counter_code to none"
             )
-        if self.counter_scaling not in OWN_MEAN_SCALINGS:
-            return
-        if self.counter_code != "log":
+        if self.counter_code == "contrast" and self.counter_bits > CONTRAST_BITS:
             raise UsageError(
-                f"setting counter_scaling = {self.counter_scaling} with counter_code = "
-                f"{self.counter_code}: {self.counter_scaling} needs logarithms; set counter_code "
-                "to log"
-            )
-        if self.counter_bits > OWN_MEAN_BITS:
-            raise UsageError(
-                f"setting counter_bits = {self.counter_bits} with counter_scaling = "
-                f"{self.counter_scaling}: expected 1 to {OWN_MEAN_BITS} bits"
+                f"setting counter_bits = {self.counter_bits} with counter_code = contrast: "
+                f"expected 1 to {CONTRAST_BITS} bits"
             )
 
     @property
     def uncoded(self) -> Settings:
         """The same settings without a counter code: descriptors hold counts."""
-        return replace(self, clip=None, counter_code="none", counter_scaling="shared")
+        return replace(self, clip=None, counter_code="none")
 
     def to_dict(self) -> dict[str, Any]:
         """Return the settings as plain values, for JSON."""
@@ -702,7 +663,16 @@ class Settings:
 
     @classmethod
     def from_dict(cls, values: Mapping[str, Any], source: str = "settings") -> Settings:
-        """Build settings from plain values."""
+        """Build settings from plain values, also of a file in which two settings name the code."""
+        if "counter_scaling" in values:
+            kept = dict(values)
+            code = kept.get("counter_code"), kept.pop("counter_scaling")
+            if code not in _EARLIER_CODES:
+                raise UsageError(
+                    f"{source}: counter_code = {code[0]} with counter_scaling = {code[1]} was a "
+                    "code of earlier versions"
+                )
+            values = {**kept, "counter_code": _EARLIER_CODES[code]}
         return cls().replaced(values, source)
 
     def replaced(self, values: Mapping[str, Any], source: str) -> Settings:
@@ -720,6 +690,14 @@ class Settings:
             return replace(self, **by_name)
         except UsageError as error:
             raise UsageError(f"{source}: {error}") from None
+
+
+#: today's codes, by the two settings that named them in files
+_EARLIER_CODES: Mapping[tuple[object, object], CounterCode] = {
+    ("none", "shared"): "none",
+    ("linear", "shared"): "linear",
+    ("log", "contrast"): "contrast",
+}
 
 
 class MatchingChanges(TypedDict, total=False):
@@ -752,9 +730,8 @@ class SettingChanges(MatchingChanges, total=False):
     events_per_pixel: float | Literal["auto"] | None
     places_per_window: int | Literal["auto"] | None
     clip: int | Literal["none"] | None
-    counter_code: CounterCodeName
+    counter_code: CounterCode
     counter_bits: int
-    counter_scaling: CounterScaling
     remove_hot_pixels: bool | Literal["find", "keep"]
     hot_pixels: bool | Literal["find", "keep"]
     remove_bursts: bool | Literal["remove", "keep"]
@@ -830,10 +807,7 @@ def values_by_name(values: Mapping[str, Any], source: str) -> dict[str, Any]:
 # Named presets, and the settings that result from a preset, a TOML file and flags.
 
 
-_BEST = Settings(
-    places_per_window=None, matching="filter", smooth=True, counter_code="log",
-    counter_scaling="contrast",
-)  # fmt: skip
+_BEST = Settings(places_per_window=None, matching="filter", smooth=True, counter_code="contrast")
 
 PRESETS: Mapping[Preset, Settings] = {
     # chosen on the real drives and on simulated streets, see docs/method.md
@@ -892,9 +866,6 @@ def resolve_settings(
     of_flags = {name: value for name, value in (flags or {}).items() if value is not None}
     of_flags = values_by_name(of_flags, source)
     for chosen in (values, of_flags):
-        # contrast codes, which some presets have, exist for logarithms only
-        if chosen.get("counter_code", "log") != "log" or chosen.get("clip"):
-            chosen.setdefault("counter_scaling", "shared")
-            if chosen.get("clip"):
-                chosen.setdefault("counter_code", "none")
+        if chosen.get("clip"):  # in place of the code that a preset has
+            chosen.setdefault("counter_code", "none")
     return PRESETS[preset].replaced(values, str(config)).replaced(of_flags, source)

@@ -14,8 +14,8 @@ from typing import Any, Literal, Self, get_args
 from firmware_model.errors import DesignError
 from fixedpoint.activity import BANK_COSTS, EVENTS_TOP, GAINS, LOG_TOP, SUMS, WEIGHT_BITS
 from fixedpoint.formats import UnsignedFormat
-from fixedpoint.limits import MAX_BITS, OWN_MEAN_BITS
-from fixedpoint.own_mean import FULL_SCALE, MEAN_FRACTION_BITS, OwnMeanCode
+from fixedpoint.limits import CONTRAST_BITS, MAX_BITS
+from fixedpoint.own_mean import FULL_SCALE, MEAN_FRACTION_BITS, ContrastCode
 
 # Largest values of what a device computes, and fraction bits of its numbers.
 
@@ -38,7 +38,7 @@ PLACE_ACTIVITY_BITS = 8
 #: largest number that is added to the distance of a place
 BIAS_TOP = (1 << 8) - 1
 #: level of each count of contrast codes: ``round(256 log2(1 + count))``
-LEVELS: tuple[int, ...] = tuple(OwnMeanCode().levels.tolist())
+LEVELS: tuple[int, ...] = tuple(ContrastCode().levels.tolist())
 LEVEL_TOP = LEVELS[-1]
 
 
@@ -184,10 +184,10 @@ class Design:
             raise DesignError(
                 f"design: {self.pixels} pixels of a {self.width} x {self.height} sensor: take fewer"
             )
-        if self.contrast and self.code_bits > OWN_MEAN_BITS:
+        if self.contrast and self.code_bits > CONTRAST_BITS:
             raise DesignError(
                 f"design: code_bits = {self.code_bits} of contrast codes: expected 1 to "
-                f"{OWN_MEAN_BITS}"
+                f"{CONTRAST_BITS}"
             )
         self._check_matching()
         if self.tau_us >= 1 << (self.timestamp_bits - 1):

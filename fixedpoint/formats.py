@@ -5,8 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 from operator import index
 
-import numpy as np
-
 from fixedpoint.errors import FixedPointError
 
 
@@ -60,10 +58,7 @@ class UnsignedFormat:
             raise FixedPointError(f"sum of {n} numbers: expected 1 or more")
         return self.holding(n * self.highest)
 
-    def numpy_dtype(self) -> np.dtype[np.unsignedinteger]:
-        """Return the narrowest NumPy dtype that holds the integers."""
-        if self.width > 64:
-            raise FixedPointError(
-                f"{self.width} bits have no container of at most 64 bits: take a narrower format"
-            )
-        return np.min_scalar_type(self.highest)
+
+def packed_bytes(counters: int, bits: int) -> int:
+    """Bytes of one descriptor of `counters` codes, packed without gaps."""
+    return -(-counters * bits // 8)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-#: largest number of bits of a counter code, and of an own-mean code
-MAX_BITS, OWN_MEAN_BITS = 16, 8
-#: largest full scale of a code: the largest count of 16 bits
-MAX_FULL_SCALE = 65_535
+#: largest number of bits of a saturating count, and of a contrast code
+MAX_BITS, CONTRAST_BITS = 16, 8
+#: largest count of 16 bits
+MAX_COUNT = 65_535

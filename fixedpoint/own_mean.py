@@ -1,10 +1,10 @@
-"""The own-mean code: logarithm of a count less the mean of its counter, in octaves.
+"""The contrast code: logarithm of a count less the mean of its counter and that of its window.
 
-Other light multiplies all counts of a pixel by a factor, which adds a constant to their logarithms.
-The difference between a logarithm and the mean of the drive does not change. A slower camera
-multiplies all counts of a window by a factor: contrast codes subtract the mean of the window's
-differences too. All arithmetic is in integers: logarithms come from a table in units of 1/256
-octave, and the running mean is updated by a shift.
+Other light multiplies all counts of a pixel by a factor, which adds a constant to their logarithms:
+their differences to the mean of the drive do not change. A slower camera multiplies all counts of a
+window by a factor, so that the mean of the window's differences is subtracted too. All arithmetic
+is in integers: logarithms come from a table in units of 1/256 octave, and the running mean is
+updated by a shift.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ import numpy as np
 import numpy.typing as npt
 
 from fixedpoint.errors import FixedPointError
-from fixedpoint.limits import OWN_MEAN_BITS
+from fixedpoint.limits import CONTRAST_BITS
 
 #: fraction bits of a logarithm: units of 1/256 octave
 LEVEL_FRACTION_BITS = 8
@@ -47,24 +47,21 @@ def _levels() -> npt.NDArray[np.int32]:
 
 
 @dataclass(frozen=True)
-class OwnMeanCode:
-    """Code ``round(log2(1 + c) - mean)``, saturated to `bits` bits with sign, stored without sign.
+class ContrastCode:
+    """Code ``round(log2(1 + c) - mean - window mean)``, saturated to `bits` bits with sign.
 
     Parameters
     ----------
     bits : int
         1 to 8. A code is stored plus ``2**(bits - 1)``: 0 to ``2**bits - 1``.
-    contrast : bool
-        Subtract the mean over the counters of a window too: codes are then relative to the window.
     """
 
     bits: int = 3
-    contrast: bool = False
 
     def __post_init__(self) -> None:
-        if not 1 <= index(self.bits) <= OWN_MEAN_BITS:
+        if not 1 <= index(self.bits) <= CONTRAST_BITS:
             raise FixedPointError(
-                f"own-mean code of {self.bits} bits: expected 1 to {OWN_MEAN_BITS}"
+                f"contrast code of {self.bits} bits: expected 1 to {CONTRAST_BITS}"
             )
 
     @property
@@ -116,7 +113,7 @@ class OwnMeanCode:
         return ((2 * total + n) // (2 * n)).astype(np.int32)
 
     def window_mean(self, deviations: Integers) -> npt.NDArray[np.int64]:
-        """Return the mean of each window's deviations, rounded to the nearest; 0 without contrast.
+        """Return the mean of each window's deviations, rounded to the nearest.
 
         Parameters
         ----------
@@ -128,7 +125,8 @@ class OwnMeanCode:
         ndarray of int64, shape (...)
         """
         total, counters = deviations.sum(axis=-1, dtype=np.int64), deviations.shape[-1]
-        return self.contrast * ((2 * total + counters) // (2 * counters))
+        mean: npt.NDArray[np.int64] = (2 * total + counters) // (2 * counters)
+        return mean
 
     def fine(self, counts: Integers, mean: Integers) -> npt.NDArray[np.int64]:
         """Return the codes of `encode` before they are rounded, in units of 1/256.

@@ -1,9 +1,4 @@
-"""Codes of descriptors: conversion of a window's counts before they are compared.
-
-The codes of single counters are in `fixedpoint`, which the hardware model uses too; here they are
-those that the settings choose, for all counters of a map. A code of another package is any function
-of the counts of a window.
-"""
+"""Codes of descriptors: saturating counts and contrast codes, which windows are compared by."""
 
 from __future__ import annotations
 
@@ -13,51 +8,30 @@ import numpy as np
 import numpy.typing as npt
 
 from edge_vpr.descriptors.windows import Descriptors, find_pauses, mean_of_query, narrow
-from edge_vpr.errors import MapError
-from edge_vpr.settings import Settings
 from fixedpoint.activity import SUMS
-from fixedpoint.codes import PixelCodes
-from fixedpoint.own_mean import FULL_SCALE, OwnMeanCode, RunningMean
-
-FullScale = npt.NDArray[np.uint16]
+from fixedpoint.own_mean import FULL_SCALE, ContrastCode, RunningMean
 
 
-def codes_of(
-    settings: Settings, counters: int, full_scale: FullScale | None = None
-) -> PixelCodes | None:
-    """Return the code of each counter; None if descriptors hold counts.
+def saturated(counted: Descriptors, most: int | None) -> Descriptors:
+    """Return windows whose counters saturate at a count, `Settings.most_counted`.
 
     Parameters
     ----------
-    counters : int
-        J.
-    full_scale : ndarray of uint16, shape (counters,), optional
-        What the reference map learned, needed where the settings scale the code to each pixel.
+    most : int, optional
+        Without it, counts stay as they are.
     """
-    code = settings.shared_code
-    if code is None:
-        return None
-    if settings.own_mean_code is not None:
-        raise MapError(
-            f"{settings.counter_scaling} codes need the mean of a drive: take ReferenceMap.match, "
-            "or counts with settings.uncoded"
-        )
-    if not settings.learns_full_scale:
-        return PixelCodes.shared(code, counters)
-    if full_scale is None or full_scale.shape != (counters,):
-        raise MapError(
-            f"the code of {counters} counters is scaled to each pixel and "
-            f"{0 if full_scale is None else full_scale.size} scales are given: take "
-            "ReferenceMap.match, or counts with settings.uncoded"
-        )
-    return PixelCodes.scaled(code.kind, code.bits, full_scale)
+    if most is None:
+        return counted
+    # as uint16, since NumPy would convert a plain integer to the dtype of the counts
+    counts = narrow(np.minimum(counted.counts, np.uint16(most)))
+    return replace(counted, counts=counts, selected=counted.selected_events)
 
 
-# Own-mean codes of descriptors, with the mean of a drive or a running mean.
+# Contrast codes of descriptors, with the mean of a drive or a running mean.
 
 
 def drive_mean(
-    windows: Descriptors, code: OwnMeanCode, mean_activity: int
+    windows: Descriptors, code: ContrastCode, mean_activity: int
 ) -> npt.NDArray[np.int32]:
     """Return the mean logarithm of each counter over the windows of a drive, without pauses.
 
@@ -125,7 +99,7 @@ def counted_events(
 
 
 def encode_own(
-    counted: Descriptors, code: OwnMeanCode, mean_activity: int, gains: int
+    counted: Descriptors, code: ContrastCode, mean_activity: int, gains: int
 ) -> Descriptors:
     """Code a recorded query with its mean over the whole drive.
 
@@ -147,7 +121,7 @@ def encode_own(
 
 def encode_running(
     counted: Descriptors,
-    code: OwnMeanCode,
+    code: ContrastCode,
     mean: npt.NDArray[np.int32],
     mean_activity: int,
     gains: int,

@@ -24,7 +24,7 @@ from edge_vpr.descriptors.windows import (
 from edge_vpr.errors import UsageError, expect, kind_of
 from edge_vpr.events import Sensor
 from edge_vpr.settings import STRATEGIES
-from fixedpoint.own_mean import LEVEL_FRACTION_BITS, OwnMeanCode
+from fixedpoint.own_mean import LEVEL_FRACTION_BITS, ContrastCode
 
 # Selection of a few pixels by their saliency.
 
@@ -525,7 +525,7 @@ def informative_pixels(
         In the order chosen; of equals, the first of the shortlist.
     """
     some = counts[:: -(-len(counts) // MOST_WINDOWS)]
-    levels = np.ascontiguousarray(OwnMeanCode().level(some).T)
+    levels = np.ascontiguousarray(ContrastCode().level(some).T)
     chosen = np.empty(min(pixels, len(pixel_map)), dtype=np.int64)
     number = len(pixel_map)
     if number >= pixels:

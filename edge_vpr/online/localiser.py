@@ -118,7 +118,7 @@ class Localiser:
         self.unseen_time = UnseenTime(self._window)
         self._filter: PlaceFilter | None = None
         self.odometer, self.odometer_check = Odometer(), OdometerCheck()
-        self._code, self.means = reference.own_mean_code, list[RunningMean]()
+        self._code, self.means = reference.contrast_code, list[RunningMean]()
         self._windows = 0  # that the place filter has finished
         self._silence: tuple[object, ...] = ()  # the filter after a window without events
         if settings.matching == "filter":

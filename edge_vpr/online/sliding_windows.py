@@ -24,7 +24,7 @@ from edge_vpr.errors import UsageError
 from edge_vpr.matching.distances import aligned_zeros
 from edge_vpr.online.sums import BLOCK, LANES, MAX_CHANGES, update_blocks
 from fixedpoint.activity import SUMS
-from fixedpoint.own_mean import LEVEL_FRACTION_BITS, OwnMeanCode
+from fixedpoint.own_mean import LEVEL_FRACTION_BITS, ContrastCode
 
 # The state.
 
@@ -51,14 +51,14 @@ class ContrastCodes(NamedTuple):
     Attributes
     ----------
     levels : ndarray of int32, shape (size,)
-        Logarithm of each count, see `OwnMeanCode`; empty where the windows hold counts.
+        Logarithm of each count, see `ContrastCode`; empty where the windows hold counts.
     means : ndarray of int32, shape (sums, J)
         Mean logarithm of each counter in the newest window, and in sums of the newest windows, in
         units of 1/256 octave.
     codes : ndarray of int64, shape (sums, 2, J)
         Codes that the distances include, and scratch.
     bits : int
-        See `OwnMeanCode`.
+        See `ContrastCode`.
     """
 
     levels: npt.NDArray[np.int32]
@@ -147,7 +147,7 @@ def start(
     places: npt.NDArray[np.unsignedinteger],
     window: Window,
     length: int,
-    code: OwnMeanCode | int,
+    code: ContrastCode | int,
     mean: npt.NDArray[np.int32] | None = None,
     sums: int = 1,
 ) -> SlidingWindows:
@@ -159,7 +159,7 @@ def start(
         Map, in its codes.
     length : int
         L; with contrast codes, which compare sums of the newest windows, the longest of them.
-    code : OwnMeanCode or int
+    code : ContrastCode or int
         Contrast code of the counts; or the count at which they saturate, or `UNLIMITED`.
     mean : ndarray of int32, shape (J,), optional
         Initial means of contrast codes.
@@ -168,7 +168,7 @@ def start(
     """
     counters = places.shape[1]
     levels, means, bits = np.empty(0, dtype=np.int32), np.zeros((1, counters), dtype=np.int32), 0
-    if isinstance(code, OwnMeanCode) and mean is not None:
+    if isinstance(code, ContrastCode) and mean is not None:
         # copies, because Numba gives read-only arrays another type
         levels, means, bits = code.levels.copy(), np.tile(mean, (sums, 1)), code.bits
     state = SlidingWindows(
@@ -405,7 +405,7 @@ def advance(s, until):
 
 @kernel(inline="always")
 def write_codes(counts, contrast, of_sum, out):
-    """Compute the contrast codes of a window, as `OwnMeanCode.encode` does.
+    """Compute the contrast codes of a window, as `ContrastCode.encode` does.
 
     Parameters
     ----------

@@ -16,7 +16,7 @@ from edge_vpr.online.schedule import MatchSchedule
 from edge_vpr.online.sliding_windows import UNLIMITED, SlidingWindows, start
 from edge_vpr.reference_map import ReferenceMap
 from fixedpoint.activity import SUMS
-from fixedpoint.own_mean import OwnMeanCode
+from fixedpoint.own_mean import ContrastCode
 
 #: Initial capacity for the events of a chunk.
 CHUNK_EVENTS = 4_096
@@ -106,10 +106,10 @@ def state_before(
         Its arrays are shared, not copied; without it, sequences are matched.
     """
     settings, acceptance = reference.settings, reference.acceptance
-    code: OwnMeanCode | int | None = reference.own_mean_code
+    code: ContrastCode | int | None = reference.contrast_code
     if code is None:
-        shared = settings.shared_code
-        code = UNLIMITED if shared is None else shared.top
+        most = settings.most_counted
+        code = UNLIMITED if most is None else most
     sums = SUMS[: 1 if place_filter is None else place_filter.sums]
     windows = start(
         reference.places.counts, window_of(settings), max(settings.windows_per_match, sums[-1]),

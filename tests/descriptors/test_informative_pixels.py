@@ -15,7 +15,7 @@ from edge_vpr.events import Sensor
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.settings import PRESETS
 from edge_vpr.simulation import simulate_pair
-from fixedpoint.own_mean import OwnMeanCode
+from fixedpoint.own_mean import ContrastCode
 
 
 def information(levels, pixels):
@@ -38,7 +38,7 @@ def test_each_pixel_says_most_beyond_those_before_it(seed, windows, listed, larg
     counts = counts.astype(np.uint16)
     sensor = Sensor(listed, 1)
     pixel_map = PixelMap(sensor, np.arange(listed, dtype=np.uint16), np.zeros(listed, np.uint16))
-    levels = OwnMeanCode().level(counts).astype(float)
+    levels = ContrastCode().level(counts).astype(float)
     varying = int(np.count_nonzero(levels.std(axis=0)))
     if varying == 0:
         return

@@ -220,8 +220,7 @@ def a_map(settings, **more):
 
 
 CODED = Settings(
-    pixels=3, tau_us=100_000, matching="filter", remove_bursts=False, counter_code="log",
-    counter_scaling="contrast",
+    pixels=3, tau_us=100_000, matching="filter", remove_bursts=False, counter_code="contrast",
 )  # fmt: skip
 
 

@@ -13,7 +13,7 @@ import pytest
 
 from edge_vpr.compiling import plain
 from edge_vpr.descriptors import windows
-from edge_vpr.descriptors.codes import encode_running
+from edge_vpr.descriptors.codes import encode_running, saturated
 from edge_vpr.descriptors.counting import DescriptorStream
 from edge_vpr.descriptors.pixels import PixelMap
 from edge_vpr.descriptors.windows import FixedCount, FixedTime
@@ -40,8 +40,7 @@ from firmware_model.design import formats_of
 from firmware_model.specification import ilog, mean_activity_after
 from firmware_model.vectors.random_cases import random_design, random_memories
 from fixedpoint import activity
-from fixedpoint.codes import CounterCode
-from fixedpoint.own_mean import OwnMeanCode
+from fixedpoint.own_mean import ContrastCode
 from tests.firmware_model.designs import drawn_drive, wrapped
 
 ROOM = Path(__file__).parents[2] / "firmware_model"
@@ -61,7 +60,7 @@ def pipeline(memories: Memories, events: list[Event], start: int):
     if design.contrast:
         limited = np.minimum(counted.counts, np.array(memories.limits))
         events = limited.sum(axis=1, dtype=np.int64)
-        code = OwnMeanCode(design.code_bits, contrast=True)
+        code = ContrastCode(design.code_bits)
         mean = np.array(memories.mean, dtype=np.int32)
         counted = replace(counted, selected=events)
         coded = encode_running(counted, code, mean, memories.activity, design.gains)
@@ -70,7 +69,7 @@ def pipeline(memories: Memories, events: list[Event], start: int):
         if coded.summed is not None:
             sums = np.concatenate([sums, coded.summed], axis=1)
     else:
-        codes = CounterCode("linear", design.code_bits).encode(counted.counts)
+        codes = saturated(counted, design.code_max).counts
         sums = codes[:, None]
     if design.filters:
         return codes, by_filter(memories, sums, events)

@@ -6,6 +6,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from lab.codes import TableCode
 from lab.drives import check_data, open_pairs, without_pairs
 from lab.experiments import codes
 from lab.loop import Draw
@@ -16,19 +17,15 @@ from edge_vpr.settings import PRESETS
 #: counts of 8 bits
 RAW = ("linear", 8)
 VARIANTS = {
-    RAW: {"counter_code": "linear", "counter_bits": 8},
-    ("log", 3): {"counter_code": "log"},
-    ("log, per-pixel", 1): {
-        "counter_code": "log",
-        "counter_bits": 1,
-        "counter_scaling": "per-pixel",
-    },
+    RAW: TableCode("linear", 8),
+    ("log", 3): TableCode("log"),
+    ("log, per-pixel", 1): TableCode("log", 1, per_pixel=True),
 }
 
 
 def score(pair, seed, variants):
     mapped = pair.mapped(pair.drawn_with(seed))
-    return {name: mapped.coded(changes).correct() for name, changes in variants.items()}
+    return {name: mapped.coded({}, code).correct() for name, code in variants.items()}
 
 
 @pytest.fixture(scope="module")
@@ -41,7 +38,7 @@ def scores_by_pair(shared_data):
 
 @pytest.mark.slow
 def test_three_bits_of_log_beat_eight_bits_of_count_on_every_pair_of_drives(scores_by_pair):
-    """What docs/method.md claims, with two draws in place of five."""
+    """What docs/results.md claims, with two draws in place of five."""
     assert len(scores_by_pair) == 6
     for name, scores in scores_by_pair.items():
         right, raw = (np.mean([each[code] for each in scores]) for code in (("log", 3), RAW))
@@ -62,23 +59,25 @@ def test_the_figures_quoted_for_brisbane_are_those_of_this_code(scores_by_pair):
 def test_all_codes_of_a_pair_see_the_same_counts(shared_data):
     """A code that keeps every count gives what no code gives."""
     pair = next(open_pairs(shared_data))
-    everything = {("all", 16): {"counter_code": "linear", "counter_bits": 16}}
-    plain = {("none", 0): {"counter_code": "none"}}
-    assert score(pair, 0, everything)["all", 16] == score(pair, 0, plain)["none", 0]
+    scores = score(pair, 0, {"all": TableCode("linear", 16), "none": None})
+    assert scores["all"] == scores["none"]
 
 
 def test_every_code_is_a_row_and_is_drawn():
     values = iter(np.linspace(0.2, 0.9, 1000))
-    mapped = SimpleNamespace(coded=lambda changes: SimpleNamespace(correct=lambda: next(values)))
+    mapped = SimpleNamespace(
+        coded=lambda changes, code: SimpleNamespace(correct=lambda: next(values))
+    )
     settings = PRESETS["tiny"]
     pair = SimpleNamespace(
         settings=settings, drawn_with=lambda seed: settings, mapped=lambda settings: mapped
     )
     rows = [{"drives": "pair", **row} for row in codes.measure(Draw(pair, 0, True))]
     bits = len(codes.BITS)
-    assert len(rows) == len(codes.CODES) * bits
+    names = list(dict.fromkeys(row["code"] for row in rows))
+    assert len(rows) == len(names) * bits == 6 * bits
     (axes,) = codes.figure(rows).axes
-    assert [bars.get_label() for bars in axes.containers] == list(codes.CODES)
+    assert [bars.get_label() for bars in axes.containers] == names
     drawn = axes.containers[0].lines[0].get_ydata().tolist()
     assert drawn == [row["P@100R"] for row in rows[:bits]]
     assert [row["bytes per place"] for row in rows[:bits]] == [4, 7, 10, 13, 19, 25]

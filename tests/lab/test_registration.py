@@ -46,8 +46,9 @@ def mapped_with(chosen, images):
 
 
 @pytest.mark.parametrize("shift", [(0, 0), (1, 0), (-2, 3), (3, -3)])
-@pytest.mark.parametrize("changes", [{}, {"counter_code": "log", "counter_scaling": "own-mean",
-                                          "matching": "filter"}])  # fmt: skip
+@pytest.mark.parametrize(
+    "changes", [{}, {"counter_code": "contrast", "matching": "filter", "smooth": True}]
+)
 def test_the_shift_is_found_and_the_matches_are_as_without_it(shift, changes):
     rng = np.random.default_rng(3)
     world = scenes(rng)
@@ -99,7 +100,7 @@ def test_what_belongs_to_the_pixels_of_the_sensor_does_not_hold_the_map_back():
 
 def test_pixels_off_the_sensor_and_on_hot_pixels_are_dropped():
     rng = np.random.default_rng(8)
-    chosen = CHOSEN.replaced({"counter_code": "log"}, "test")
+    chosen = CHOSEN.replaced({"counter_code": "linear"}, "test")
     mapped = mapped_with(chosen, seen(scenes(rng), 0, 0))
     x, y = mapped.pixel_map.x.astype(int), mapped.pixel_map.y.astype(int)
     first = int(np.flatnonzero((x < 29) & (y < 24 - 2))[0])

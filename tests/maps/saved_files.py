@@ -39,7 +39,7 @@ VARIANTS: tuple[dict[str, object], ...] = (
     {},
     {"window": "count", "events_per_pixel": 2.0, "clip": 3},
     {"matching": "filter", "precision": 0.9},
-    {"matching": "filter", "counter_code": "log", "counter_scaling": "contrast"},
+    {"matching": "filter", "counter_code": "contrast"},
 )
 
 

@@ -47,7 +47,7 @@ def test_the_new_codes_are_the_rounded_mean_of_both_drives(drives: Drives, numbe
     assert update.aligned.mean() > 0.9
 
     # in plain Python and exact fractions
-    code = route.own_mean_code
+    code = route.contrast_code
     assert code is not None and route.mean is not None
     levels = code.level(counted.counts).tolist()
     n, counters = counted.counts.shape
@@ -82,8 +82,8 @@ def _round_half_up(value: Fraction) -> int:
     "changes",
     [
         {},
-        {"counter_code": "log", "counter_scaling": "shared"},
-        {"counter_code": "none", "counter_scaling": "shared"},
+        {"counter_code": "linear"},
+        {"counter_code": "none"},
         {"matching": "sequence", "smooth": False},
         {"places_per_window": 2},
     ],
@@ -114,9 +114,7 @@ def test_a_map_of_two_drives_is_saved_loaded_and_matched(drives: Drives, tmp_pat
 
 def test_the_newest_drive_weighs_a_fifth_in_the_end(drives: Drives) -> None:
     reference, _ = drives
-    route = ReferenceMap.build(
-        reference, pixels=20, counter_code="none", counter_scaling="shared", track=reference.track
-    )
+    route = ReferenceMap.build(reference, pixels=20, counter_code="none", track=reference.track)
     counted = route.places
     for _ in range(MOST_DRIVES + 2):
         route = learn_drive(route, counted, track=None).reference

@@ -522,7 +522,7 @@ def test_a_track_without_time_in_common_with_its_recording_is_refused(from_s, un
 def test_types_of_public_names_can_be_read():
     """As by programs that check arguments; pandas and Matplotlib are not loaded for it."""
     optional = {"pandas": SimpleNamespace(DataFrame=Any), "Axes": Any}
-    optional |= dict.fromkeys(("CounterCode", "OwnMeanCode"), Any)
+    optional |= {"ContrastCode": Any}
     # a map's methods return what later stages make
     later = ("AnyTrack", "TableData", "MapUpdate", "MatchResult", "Localiser", "MatchSchedule")
     optional |= dict.fromkeys(later, Any)

@@ -55,12 +55,12 @@ def test_settings_come_back_from_plain_values():
         ({"sigma": float("nan")}, "sigma = nan"),
         ({"strategy": "best"}, "choose from variance"),
         ({"window": "space"}, "choose from time, count"),
-        ({"counter_code": "cubic"}, "choose from none, linear, sqrt, log"),
-        ({"counter_scaling": "mine"}, "choose from shared, per-pixel"),
-        ({"counter_code": "log", "counter_bits": 17}, "counter_bits = 17: expected 1 to 16"),
+        ({"counter_code": "cubic"}, "choose from none, linear, contrast"),
+        ({"counter_code": "linear", "counter_bits": 17}, "counter_bits = 17: expected 1 to 16"),
+        ({"counter_code": "contrast", "counter_bits": 9}, "= contrast: expected 1 to 8 bits"),
         ({"counter_bits": 0}, "counter_bits = 0: expected 1 to 16"),
         ({"clip": 65536}, "expected 1 to 65535"),
-        ({"clip": 10, "counter_code": "log"}, "set clip or counter_code to none"),
+        ({"clip": 10, "counter_code": "contrast"}, "set clip or counter_code to none"),
         ({"events_per_pixel": 0.001}, "windows without events"),
         ({"places_per_window": 3}, "places_per_window = 3: expected 1 to 2"),
         ({"places_per_window": 2}, "sequences compare one place per window; set matching to"),
@@ -69,6 +69,22 @@ def test_settings_come_back_from_plain_values():
 def test_a_wrong_setting_is_named_with_the_remedy(values, message):
     with pytest.raises(UsageError, match=message):
         Settings.from_dict(values)
+
+
+@pytest.mark.parametrize("settings", [PRESETS["default"], PRESETS["paper"], Settings(clip=3)])
+def test_a_file_in_which_two_settings_name_the_code_is_read(settings):
+    code = settings.counter_code
+    words = ("log", "contrast") if code == "contrast" else (code, "shared")
+    stored = settings.to_dict() | dict(zip(("counter_code", "counter_scaling"), words, strict=True))
+    assert Settings.from_dict(stored) == settings
+
+
+@pytest.mark.parametrize(("code", "scaling"), [("sqrt", "shared"), ("log", "own-mean")])
+def test_a_code_that_is_gone_is_named(code, scaling):
+    stored = {"counter_code": code, "counter_scaling": scaling}
+    message = f"settings: counter_code = {code} with counter_scaling = {scaling} was a code of"
+    with pytest.raises(UsageError, match=message):
+        Settings.from_dict(stored)
 
 
 @pytest.mark.parametrize("text", ["pixels = ", "\xff"])
@@ -97,7 +113,6 @@ ALL_FLAGS = {  # a value other than the preset's, as the flag takes it
     "clip": "9",
     "counter_code": "linear",
     "counter_bits": "5",
-    "counter_scaling": "shared",
     "hot_pixels": "keep",
     "bursts": "keep",
     "matching": "sequence",
@@ -207,9 +222,9 @@ def test_a_word_of_a_setting_of_words_is_read_as_what_it_means():
         ("default", {"pixels": 25, "smooth": False, "places_per_window": 1}, "robot"),
         ("paper", {}, "paper"),
         ("paper", {"window": "count", "counter_code": "linear", "counter_bits": 4}, "paper"),
-        ("default", {"counter_scaling": "own-mean"}, None),
+        ("default", {"counter_code": "none"}, None),
         ("default", {"window": "count"}, None),
-        ("paper", {"counter_code": "log"}, None),
+        ("paper", {"counter_code": "contrast"}, None),
         ("seed-code", {}, None),
     ],
 )

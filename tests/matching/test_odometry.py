@@ -196,7 +196,7 @@ def test_a_map_without_distances_refuses_odometry():
 
 
 #: codes of the robot's profile
-CONTRAST = {"counter_code": "log", "counter_scaling": "contrast"}
+CONTRAST = {"counter_code": "contrast"}
 
 
 def test_a_device_has_places_at_half_windows(tmp_path, capsys):

@@ -45,8 +45,7 @@ EXAMPLES = 10 if config.DISABLE_JIT else 40
 
 def map_of(counts, **changes):
     chosen = Settings(
-        pixels=len(PIXELS), remove_bursts=False, matching="filter", counter_code="log",
-        counter_scaling="contrast",
+        pixels=len(PIXELS), remove_bursts=False, matching="filter", counter_code="contrast",
     ).replaced(changes, "test")  # fmt: skip
     return map_of_counts(PIXEL_MAP, counts, chosen)
 
@@ -265,8 +264,8 @@ def test_ticks_that_are_skipped_give_no_match():
     ("changes", "says"),
     [
         ({"window": "count"}, "map with window = time for robot"),
-        ({"counter_scaling": "own-mean"}, "map with counter_scaling = contrast for robot"),
-        ({"matching": "sequence"}, "counter_code = linear, counter_scaling = shared for paper"),
+        ({"counter_code": "none"}, "map with counter_code = contrast for robot"),
+        ({"matching": "sequence"}, "map with counter_code = linear for paper"),
     ],
 )
 def test_settings_of_neither_profile_are_refused_with_what_to_change(changes, says):

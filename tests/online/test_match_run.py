@@ -21,7 +21,7 @@ from edge_vpr.online.localiser import Localiser
 from edge_vpr.online.schedule import MatchSchedule
 from edge_vpr.online.sliding_windows import ContrastCodes, write_codes
 from edge_vpr.online.state import MATCHES_AT_ONCE
-from fixedpoint.own_mean import OwnMeanCode
+from fixedpoint.own_mean import ContrastCode
 from tests.online.test_filter_run import map_of as filtered_map
 from tests.online.test_filter_run import with_ways
 from tests.online.test_localiser import CODED, PIXEL_MAP, PIXELS, SENSOR, check_state, feed, map_of
@@ -181,7 +181,7 @@ def test_a_silence_with_more_ticks_than_the_kernel_gives_at_once_has_them_all():
 )
 @settings(max_examples=20)
 def test_codes_are_written_in_place_as_windows_are_coded(seed, bits):
-    code, rng = OwnMeanCode(bits, contrast=True), np.random.default_rng(seed)
+    code, rng = ContrastCode(bits), np.random.default_rng(seed)
     counts, mean = rng.integers(0, 2_000, 6), rng.integers(0, 4_000, 6).astype(np.int32)
     written = np.full(6, 999, dtype=np.int64)
     contrast = ContrastCodes(code.levels.copy(), mean[None], np.zeros((2, 6), dtype=np.int64), bits)

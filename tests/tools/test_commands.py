@@ -304,7 +304,7 @@ def test_by_default_the_place_filter_matches_offline_and_online_alike(drive, run
     mapped, whole, live = (tmp_path / name for name in ("map.npz", "whole", "live"))
     run("map", drive / "reference.npz", "-o", mapped, *FEW)
     settings = ReferenceMap.load(mapped).settings
-    assert (settings.matching, settings.counter_scaling) == ("filter", "contrast")
+    assert (settings.matching, settings.counter_code) == ("filter", "contrast")
     match = ["match", mapped, drive / "query.npz", "-o"]
     run(*match, whole, "--no-smooth")
     run(*match, live, "--online", "--every", "window")

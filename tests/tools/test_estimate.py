@@ -324,7 +324,7 @@ def test_the_default_design_is_that_of_the_default_settings():
     design = workload_of(parsed([])).design
     default = PRESETS["default"]
     assert (design.pixels, design.code_bits) == (default.pixels, default.counter_bits)
-    assert (design.matching, design.code) == (default.matching, default.counter_scaling)
+    assert (design.matching, design.code) == (default.matching, default.counter_code)
     assert design.restart == default.filter_restart
     assert (design.places_per_window, design.exclusion) == (2, 2 * default.exclusion)
 

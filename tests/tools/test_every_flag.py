@@ -30,7 +30,7 @@ TABLE = (
 SETTINGS = (
     "--preset tiny --config {f}/settings.toml --pixels 5 --strategy random --sigma 1.5 --seed 3 "
     "--window count --tau 100ms --events-per-pixel 4 "
-    "--counter-code log --counter-bits 3 --counter-scaling shared "
+    "--counter-code linear --counter-bits 3 "
     "--hot-pixels {f}/hot.txt --bursts keep --sequence-length 2 --exclusion 1"
 )
 FILTER = "--matching filter --filter-restart 20 --gains 1 --precision 0.5 --stays-on-map"

@@ -65,12 +65,8 @@ def filtered() -> ReferenceMap:
     """Return the map of counts as the place filter has it, in contrast codes."""
     counted = scene(PLACES).reference
     chosen = counted.settings.replaced(
-        {
-            "matching": "filter", "window": "time",
-            "counter_code": "log", "counter_scaling": "contrast",
-        },
-        "latency",
-    )  # fmt: skip
+        {"matching": "filter", "window": "time", "counter_code": "contrast"}, "latency"
+    )
     return coded_map(replace(counted, settings=chosen.uncoded), chosen)
 
 

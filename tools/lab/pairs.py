@@ -28,14 +28,16 @@ from edge_vpr.evaluation.metrics import evaluate
 from edge_vpr.evaluation.tracks import Track
 from edge_vpr.events import Events, Sensor
 from edge_vpr.map_making import coded_map
-from edge_vpr.matching.drive import match_query
+from edge_vpr.matching.drive import match_descriptors
 from edge_vpr.matching.matches import Matches
 from edge_vpr.matching.sequences import middle_window
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.route import Odometry
-from edge_vpr.settings import PRESETS, Settings
+from edge_vpr.settings import PRESETS, Score, Settings
 from edge_vpr.simulation import SimulatedRecording
+from fixedpoint.formats import packed_bytes
 from lab.baselines import Baseline, filter_distances, match_distances
+from lab.codes import Code
 
 # Ground truth of two drives, for windows at any times.
 
@@ -215,11 +217,15 @@ class Pair:
 
 @dataclass(frozen=True, eq=False)
 class MappedPair:
-    """Map of the reference, counts of the query at its pixels, and their truth."""
+    """Map of the reference, counts of the query at its pixels, and their truth.
+
+    A code of the laboratory takes the place of that of the settings; the map then has counts.
+    """
 
     reference: ReferenceMap  #: Its places have counts, or the codes of its settings.
     counted: Descriptors  #: Counts, which `match` replaces by the codes of the map.
     truth: GroundTruth
+    code: Code | None = field(default=None, kw_only=True)
 
     @classmethod
     def of(
@@ -229,10 +235,10 @@ class MappedPair:
         counted = count_windows(query, reference.pixel_map, reference.settings)
         return cls(reference, counted, truth_of(reference.places.centre_us, counted.centre_us))
 
-    def coded(self, changes: Mapping[str, Any]) -> MappedPair:
+    def coded(self, changes: Mapping[str, Any], code: Code | None = None) -> MappedPair:
         """Return the pair with other settings, and a map of counts in their codes."""
         settings = self.reference.settings.replaced(changes, "variant")
-        return replace(self, reference=coded_map(self.reference, settings))
+        return replace(self, reference=coded_map(self.reference, settings), code=code)
 
     def with_settings(self, changes: Mapping[str, Any]) -> MappedPair:
         """Return the pair with other settings for matching; the codes stay as they are."""
@@ -241,7 +247,36 @@ class MappedPair:
 
     def match(self, odometry: Odometry | None = None) -> Matches:
         """Match the query with the map's settings, and odometry of the query if there is any."""
-        return match_query(self.reference, self.reference.coded(self.counted), odometry)
+        return self.match_coded(*self.described(), odometry)
+
+    def match_coded(
+        self, places: Descriptors, queries: Descriptors, odometry: Odometry | None = None
+    ) -> Matches:
+        """Match what `described` returns."""
+        reference = self.reference
+        return match_descriptors(
+            places, queries, reference.settings, reference.confidence,
+            along_mm=reference.along_mm, odometry=odometry,
+        )  # fmt: skip
+
+    def described(self) -> tuple[Descriptors, Descriptors]:
+        """Return the places and the windows of the query in the codes that are compared."""
+        if self.code is not None:
+            return self.code.coded(self.reference, self.counted)
+        return self.reference.places, self.reference.coded(self.counted)
+
+    @property
+    def score(self) -> Score | None:
+        """Score by which matches are accepted, if it is not that of the settings."""
+        sequences = self.reference.settings.matching == "sequence"
+        return "ratio" if self.code is not None and sequences else None
+
+    @property
+    def packed_bytes_per_window(self) -> int:
+        """Packed size of all places that begin in a window, in bytes."""
+        if self.code is None:
+            return self.reference.packed_bytes_per_window
+        return packed_bytes(len(self.reference.pixel_map), self.code.bits)
 
     def correct(self) -> float:
         """Match, and return the share of correct matches."""
@@ -369,9 +404,9 @@ def count_drive(
     return CountedDrive(np.array(images), np.array(centres, dtype=np.int64))
 
 
-def rates(matches: Matches, truth: GroundTruth) -> dict[str, Any]:
+def rates(matches: Matches, truth: GroundTruth, score: Score | None = None) -> dict[str, Any]:
     """Return how often matches are correct, and how many of them are accepted."""
-    evaluation = evaluate(matches, truth)
+    evaluation = evaluate(matches, truth, score=score)
     rejection = evaluation.rejection
     row: dict[str, Any] = {
         "P@100R": evaluation.precision_at_100_recall,

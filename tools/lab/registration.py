@@ -19,7 +19,7 @@ from edge_vpr.descriptors.pixels import PixelMap
 from edge_vpr.errors import UsageError
 from edge_vpr.events import Sensor
 from edge_vpr.reference_map import ReferenceMap
-from fixedpoint.own_mean import FULL_SCALE, OwnMeanCode
+from fixedpoint.own_mean import FULL_SCALE, ContrastCode
 
 #: most windows of the query that are used
 WINDOWS = 128
@@ -166,7 +166,6 @@ def _with_pixels(
             selected=np.rint(places.selected_events * share).astype(np.int64),
             counted=np.rint(places.counted_events * share).astype(np.int64),
         ),
-        full_scale=of_counters(reference.full_scale),
         mean=of_counters(reference.mean),
         limits=of_counters(reference.limits),
         learnt_mean=of_counters(reference.learnt_mean),
@@ -175,7 +174,7 @@ def _with_pixels(
 
 def _levels(counts: npt.NDArray[np.integer]) -> npt.NDArray[np.float64]:
     """Return logarithms of counts less the mean of each counter, in whole 1/16 octaves."""
-    code = OwnMeanCode()
+    code = ContrastCode()
     return ((code.level(counts) - code.mean(counts)) >> _ROUGH).astype(np.float64)
 
 

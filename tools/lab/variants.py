@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -13,10 +13,10 @@ from edge_vpr_tools.sweep.trial import fastest
 
 from edge_vpr.descriptors.counting import EventSource, WindowSource
 from edge_vpr.evaluation.metrics import evaluate
-from edge_vpr.matching.drive import match_query
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.settings import PRESETS, Settings
 from lab.baselines import map_all_pixels
+from lab.codes import TableCode
 from lab.loop import CHOSEN_ON, Draw, Drives, Experiment, Row
 from lab.nulls import BY_AUTHORS, BY_US, null_rows
 from lab.pairs import INNER, MappedPair, Pair, inner_share
@@ -24,24 +24,24 @@ from lab.pairs import INNER, MappedPair, Pair, inner_share
 #: matching of the default: the place filter with contrast codes
 DEFAULT_MATCHING = {
     name: getattr(PRESETS["default"], name)
-    for name in (
-        "matching", "smooth", "counter_code", "counter_scaling", "places_per_window",
-    )
-}  # fmt: skip
+    for name in ("matching", "smooth", "counter_code", "places_per_window")
+}
 
 
 @dataclass(frozen=True)
 class Variant:
-    """Variant of the method: settings that differ, at selected pixels or at all."""
+    """Variant of the method: settings that differ, at selected pixels or at all, and a code."""
 
     name: str
     changes: Mapping[str, Any] = field(default_factory=dict)
     all_pixels: bool = False
+    code: TableCode | None = None  #: In place of that of the settings.
 
     @property
     def chosen_on(self) -> str:
         """Data that chose the parameters: the filter's and the codes' are ours."""
-        return BY_US if {"matching", "counter_code"} & self.changes.keys() else BY_AUTHORS
+        ours = self.code is not None or {"matching", "counter_code"} & self.changes.keys()
+        return BY_US if ours else BY_AUTHORS
 
     @property
     def drawn(self) -> bool:
@@ -62,7 +62,7 @@ class Variant:
     def of(self, pair: Pair, seed: int) -> MappedPair:
         """Map the reference of a pair with one draw of pixels, and count its query."""
         mapped = self.map(pair.reference, pair.drawn_with(seed))
-        return MappedPair.of(mapped, pair.query, pair.truth_of)
+        return replace(MappedPair.of(mapped, pair.query, pair.truth_of), code=self.code)
 
 
 def variants_experiment(
@@ -98,16 +98,15 @@ def _measure(variants: Sequence[Variant], default: str, draw: Draw) -> Iterator[
         if not (draw.is_new or variant.drawn):
             continue
         mapped = variant.of(pair, draw.seed)
-        queries = mapped.reference.coded(mapped.counted)
-        matches, matching_s = fastest(partial(match_query, mapped.reference, queries))
-        evaluation = evaluate(matches, mapped.truth)
+        matches, matching_s = fastest(partial(mapped.match_coded, *mapped.described()))
+        evaluation = evaluate(matches, mapped.truth, score=mapped.score)
         yield {
             "variant": variant.name,
             CHOSEN_ON: variant.chosen_on,
             "P@100R": evaluation.precision_at_100_recall,
             "R@99P": evaluation.recall_at_99_precision,
             "Recall@5": evaluation.recall_at[5],
-            "bytes per window": mapped.reference.packed_bytes_per_window,
+            "bytes per window": mapped.packed_bytes_per_window,
             # differences of counters to compare one window with the whole map
             "operations per query": mapped.reference.places.counts.size,
             "time per query (us)": 1e6 * matching_s / len(matches),

@@ -135,9 +135,8 @@ STAGES = {
     ),
     "fixedpoint": Stage(
         "Number formats",
-        "Unsigned integers of a given width, and [counter codes](../method.md#counter-codes).",
+        "Unsigned integers of a given width.",
         packages=("fixedpoint",),
-        names=("fixedpoint.codes.CounterCode",),
     ),
 }
 

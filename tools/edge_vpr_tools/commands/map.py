@@ -41,7 +41,7 @@ if TYPE_CHECKING:
 
 EXAMPLES = """\
   edge-vpr map monday.raw -o monday.npz
-  edge-vpr map monday.raw -o small.npz --preset tiny --counter-code log --counter-bits 3
+  edge-vpr map monday.raw -o small.npz --preset tiny --counter-bits 2
   edge-vpr map monday.raw -o monday.npz --track monday.nmea
   edge-vpr map monday.raw tuesday.raw wednesday.raw -o route.npz
   edge-vpr map route.npz thursday.raw -o route.npz --overwrite

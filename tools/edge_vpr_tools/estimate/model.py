@@ -21,7 +21,7 @@ from firmware_model.cost import Memory, cycles, memories, operations
 from firmware_model.design import Design
 from firmware_model.emulation.instructions import TABLE
 from firmware_model.image import image_bytes, ram_bytes
-from fixedpoint.codes import packed_bytes
+from fixedpoint.formats import packed_bytes
 
 # Exact counts of a design, from its parameters alone.
 

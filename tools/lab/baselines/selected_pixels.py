@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from edge_vpr.descriptors.codes import codes_of
 from edge_vpr.descriptors.counting import EventSource, WindowSource
 from edge_vpr.descriptors.pixels import (
     PixelMap,
@@ -32,8 +31,7 @@ class SelectedPixels(AbsoluteDifferences):
     Parameters
     ----------
     settings : Settings
-        `pixels`, `strategy`, `sigma` and `seed` are used, and `clip` or a `counter_code` without a
-        scaling.
+        `pixels`, `strategy`, `sigma` and `seed` are used, and the count at which counters saturate.
     """
 
     def __init__(self, title: str, settings: Settings) -> None:
@@ -68,10 +66,9 @@ class SelectedPixels(AbsoluteDifferences):
         return self._pixels
 
     def describe(self, images: Images) -> Described:
-        """Return the counts at the pixels, or their codes, shape (n, J)."""
-        counts = images[:, self.pixel_map.y, self.pixel_map.x]
-        codes = codes_of(self._settings, len(self.pixel_map))
-        return narrow(counts if codes is None else codes.encode(counts))
+        """Return the counts at the pixels, shape (n, J)."""
+        counts, most = images[:, self.pixel_map.y, self.pixel_map.x], self._settings.most_counted
+        return narrow(counts if most is None else np.minimum(counts, np.uint16(most)))
 
 
 def paper(seed: int) -> SelectedPixels:

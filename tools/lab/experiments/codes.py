@@ -6,33 +6,27 @@ all codes are compared at the same pixels and events.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
-from typing import Any
+from collections.abc import Iterator
 
 from matplotlib.figure import Figure
 
-from fixedpoint.codes import packed_bytes
+from fixedpoint.formats import packed_bytes
+from lab.codes import Code, Kind, TableCode
 from lab.drives import recorded_drives
 from lab.loop import Draw, Experiment, Row, Rows
 from lab.pairs import Pair
 from lab.plots import lines
 
 BITS = (1, 2, 3, 4, 6, 8)
-CODES: Mapping[str, Mapping[str, Any]] = {
-    "linear": {"counter_code": "linear"},
-    "sqrt": {"counter_code": "sqrt"},
-    "log": {"counter_code": "log"},
-    "linear, per-pixel": {"counter_code": "linear", "counter_scaling": "per-pixel"},
-    "sqrt, per-pixel": {"counter_code": "sqrt", "counter_scaling": "per-pixel"},
-    "log, per-pixel": {"counter_code": "log", "counter_scaling": "per-pixel"},
-}
+KINDS: tuple[Kind, ...] = ("linear", "sqrt", "log")
 
 
-def variants() -> dict[tuple[str, int], Mapping[str, Any]]:
+def variants() -> dict[tuple[str, int], Code]:
     """Return every code with every number of bits."""
     return {
-        (name, bits): {**code, "counter_bits": bits}
-        for name, code in CODES.items()
+        (kind + ", per-pixel" * scaled, bits): TableCode(kind, bits, scaled)
+        for scaled in (False, True)
+        for kind in KINDS
         for bits in BITS
     }
 
@@ -41,11 +35,11 @@ def measure(draw: Draw) -> Iterator[Row]:
     """Match a pair with every code."""
     pair: Pair = draw.pair
     mapped = pair.mapped(pair.drawn_with(draw.seed))
-    for (code, bits), changes in variants().items():
+    for (name, bits), code in variants().items():
         yield {
-            "code": code,
+            "code": name,
             "bits": bits,
-            "P@100R": mapped.coded(changes).correct(),
+            "P@100R": mapped.coded({}, code).correct(),
             "bytes per place": packed_bytes(pair.settings.pixels, bits),
         }
 

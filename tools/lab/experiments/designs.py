@@ -28,13 +28,14 @@ def measure(draw: Draw) -> Iterator[Row]:
         for number in (1, 2):
             changes = {"pixels": pixels, "places_per_window": number}
             mapped = pair.mapped(PRESETS["default"].replaced(live | changes, "a design").uncoded)
-            code = {"counter_code": "log", "counter_scaling": "contrast"}
             for bits in BITS:
                 yield {
                     "pixels": pixels,
                     "bits": bits,
                     "places per window": number,
-                    "P@100R": mapped.coded(code | {"counter_bits": bits}).correct(),
+                    "P@100R": mapped.coded(
+                        {"counter_code": "contrast", "counter_bits": bits}
+                    ).correct(),
                     "windows": int(mapped.truth.has_truth.sum()),
                     "places": len(mapped.reference),
                 }

@@ -7,7 +7,7 @@ the sensor move along, which they would not do in reality; the registration canc
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +17,7 @@ import numpy.typing as npt
 from edge_vpr.descriptors.windows import FixedTime, WindowCounts
 from edge_vpr.errors import UsageError
 from edge_vpr.events import Sensor
+from lab.codes import TableCode
 from lab.drives import (
     INDOOR,
     PAPER,
@@ -25,13 +26,13 @@ from lab.drives import (
     without_pairs,
 )
 from lab.loop import Draw, Drives, Experiment, Row
-from lab.pairs import Pair, count_drive
+from lab.pairs import MappedPair, Pair, count_drive
 from lab.registration import register
 from lab.variants import DEFAULT_MATCHING, Variant
 
 #: shifts to the right and downwards, in pixels
 SHIFTS = (0, 1, 2, 4, 8)
-_CODED = {"counter_code": "log"}
+_LOG = TableCode("log")
 
 
 @dataclass(frozen=True)
@@ -44,12 +45,12 @@ class Method(Variant):
 METHODS = (
     Method("counts"),
     Method("counts, registered", registered=True),
-    Method("3-bit logarithms", _CODED),
-    Method("3-bit logarithms, registered", _CODED, registered=True),
+    Method("3-bit logarithms", code=_LOG),
+    Method("3-bit logarithms, registered", code=_LOG, registered=True),
     Method("place filter (default)", DEFAULT_MATCHING),
     Method("place filter, registered", DEFAULT_MATCHING, registered=True),
     Method("all pixels, counts", all_pixels=True),
-    Method("all pixels, 3-bit logarithms", _CODED, all_pixels=True),
+    Method("all pixels, 3-bit logarithms", all_pixels=True, code=_LOG),
 )
 
 
@@ -110,15 +111,16 @@ def measure(draw: Draw) -> Iterator[Row]:
         if not (method.drawn or every):
             continue
         mapped = method.map(reference, pair.drawn_with(draw.seed))
+        if method.code is not None:  # registered by what the code left of the counts
+            mapped = method.code.blurred(mapped)
         for shift in SHIFTS:
             row: dict[str, Any] = {"way": method.name, "shift": shift}
             images, used = shifted(second, shift, shift), mapped
             if method.registered:
                 used, dx, dy = register(mapped, images)
                 row[OFF] = max(abs(dx - shift), abs(dy - shift))
-            matched = used.match(CountedWindows(images, window_us))
-            truth = pair.truth_of(used.places.centre_us, matched.query_time_us)
-            yield {**row, "P@100R": matched.evaluate(truth).precision_at_100_recall}
+            moved = MappedPair.of(used, CountedWindows(images, window_us), pair.truth_of)
+            yield {**row, "P@100R": replace(moved, code=method.code).correct()}
 
 
 #: error of the estimated shift

@@ -21,6 +21,7 @@ from edge_vpr.route import Odometry
 from edge_vpr.settings import PRESETS
 from edge_vpr.simulation import simulate_pair
 from edge_vpr.simulation.drive import wheel_odometry
+from lab.codes import Code, OwnMean, TableCode
 from lab.drives import STREETS, recorded_drives, second_drive
 from lab.loop import (
     CHOSEN_ON,
@@ -44,26 +45,23 @@ from lab.pairs import (
 
 
 _FILTER = {"matching": "filter"}
-_SMOOTH = {"smooth": True}
-_LOG = {"counter_code": "log"}
-_OWN = {**_LOG, "counter_scaling": "own-mean"}
-_CONTRAST = {**_LOG, "counter_scaling": "contrast"}
-_ROBOT = {**_FILTER, **_CONTRAST}
+_ROBOT = {**_FILTER, "counter_code": "contrast"}
+_LOG, _OWN = TableCode("log"), OwnMean()
 PAPER = "sequences of 5, counts (the paper)"
-VARIANTS: Mapping[str, Mapping[str, Any]] = {
-    PAPER: {"sequence_length": 5},
-    "sequences of 5, 3-bit log": {**_LOG, "sequence_length": 5},
-    "sequences of 10, 3-bit log": {**_LOG, "sequence_length": 10},
-    "sequences of 10, own mean": {**_OWN, "sequence_length": 10},
-    "place filter, counts": _FILTER,
-    "place filter, 3-bit log": {**_FILTER, **_LOG},
+VARIANTS: Mapping[str, tuple[Mapping[str, Any], Code | None]] = {
+    PAPER: ({"sequence_length": 5}, None),
+    "sequences of 5, 3-bit log": ({"sequence_length": 5}, _LOG),
+    "sequences of 10, 3-bit log": ({"sequence_length": 10}, _LOG),
+    "sequences of 10, own mean": ({"sequence_length": 10}, _OWN),
+    "place filter, counts": (_FILTER, None),
+    "place filter, 3-bit log": (_FILTER, _LOG),
 }
 ROBOT = "place filter, running mean (robot)"
 BEST = "place filter, contrast, smoothed (default)"
 #: the same with the default's places, which are at half windows where events were recorded
 DEFAULTS: Mapping[str, Mapping[str, Any]] = {
     ROBOT: _ROBOT,
-    BEST: {**_FILTER, **_CONTRAST, **_SMOOTH},
+    BEST: {**_ROBOT, "smooth": True},
 }
 AT_WHOLE = ", places at whole windows"
 #: windows of the longest sequences
@@ -123,25 +121,27 @@ def measure(draw: Draw) -> Iterator[Row]:
     """Match with every variant, and with the filter on what shows nothing of the route."""
     for name, at_whole, at_half, odometry in driven(draw):
         default = at_half or at_whole
-        tried: list[tuple[str, MappedPair, Mapping[str, Any], Odometry | None]] = [
-            *((method, at_whole, changes, None) for method, changes in VARIANTS.items()),
-            *((method, default, changes, None) for method, changes in DEFAULTS.items()),
+        tried: list[tuple[str, MappedPair, Mapping[str, Any], Code | None, Odometry | None]] = [
+            *((method, at_whole, *variant, None) for method, variant in VARIANTS.items()),
+            *((method, default, changes, None, None) for method, changes in DEFAULTS.items()),
         ]
         if at_half is not None:
-            tried += [(each + AT_WHOLE, at_whole, DEFAULTS[each], None) for each in DEFAULTS]
+            tried += [(each + AT_WHOLE, at_whole, DEFAULTS[each], None, None) for each in DEFAULTS]
         if odometry is not None:
             tried += [
-                (f"{each}, odometry", default, DEFAULTS[each], odometry) for each in (ROBOT, BEST)
+                (f"{each}, odometry", default, DEFAULTS[each], None, odometry)
+                for each in (ROBOT, BEST)
             ]
-        for method, pair, changes, along in tried:
+        for method, pair, changes, code, along in tried:
             promised = {"precision": PRECISION} if changes.get("matching") == "filter" else {}
-            matches = pair.coded({**changes, **promised}).match(along)
+            coded = pair.coded({**changes, **promised}, code)
+            matches = coded.match(along)
             yield {
                 DRIVES: name,
                 "method": method,
                 CHOSEN_ON: BY_AUTHORS if method == PAPER else BY_US,
                 INNER: inner_share(matches, pair.truth, LONGEST),
-                **rates(matches, pair.truth),
+                **rates(matches, pair.truth, coded.score),
             }
         for variant, ending in ((ROBOT, ""), (BEST, ", smoothed")):
             rng = np.random.default_rng(draw.seed)

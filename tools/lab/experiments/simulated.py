@@ -5,6 +5,7 @@ No parameter of the default was chosen on these streets.
 
 from __future__ import annotations
 
+from lab.codes import TableCode
 from lab.drives import FIRST_SEED, simulated_pair
 from lab.loop import Drives
 from lab.pairs import SIMULATED
@@ -19,7 +20,7 @@ VARIANTS = (
     Variant(DEFAULT, DEFAULT_MATCHING),
     Variant("25 varying pixels, place filter", {**DEFAULT_MATCHING, "pixels": 25}),
     Variant("150 varying pixels, fixed N", {"window": "count"}),
-    Variant("150 varying pixels, fixed N, 3-bit log", {"window": "count", "counter_code": "log"}),
+    Variant("150 varying pixels, fixed N, 3-bit log", {"window": "count"}, code=TableCode("log")),
     Variant("150 varying pixels, fixed tau"),
     Variant("150 random pixels, fixed N", {"window": "count", "strategy": "random"}),
     Variant("25 varying pixels, fixed N", {"window": "count", "pixels": 25}),
