@@ -11,7 +11,6 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 import pytest
-from edge_vpr_tools.cli import main
 
 from edge_vpr import ReferenceMap, UsageError
 from edge_vpr.descriptors.counting import count_places
@@ -225,24 +224,16 @@ def test_a_halt_of_the_first_drive_is_no_part_of_the_route(by_track: bool) -> No
     assert route.update(tuesday, track=other).aligned.all()
 
 
-def _run(command: str) -> int:
-    return main(command.split())
-
-
-def test_the_command_maps_two_drives_and_updates_a_map(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_the_command_maps_two_drives_and_updates_a_map(tmp_path, run, refused, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    assert _run("simulate -o street --sensor tiny --length 150 --seed 3") == 0
+    run(*["simulate", "-o", "street", "--sensor", "tiny", "--length", "150", "--seed", "3"])
     build = "map street/reference.npz street/query.npz -o two.npz --pixels 50"
-    assert _run(build) == 0
-    assert "windows aligned" in capsys.readouterr().out
+    assert "windows aligned" in run(*build.split()).out
     both = ReferenceMap.load("two.npz")
     assert both.drives is not None and both.drives.max() == 2
 
-    assert _run("map street/reference.npz -o one.npz --pixels 50") == 0
-    update = "map one.npz street/query.npz -o one.npz --overwrite"
-    assert _run(update) == 0
+    run(*["map", "street/reference.npz", "-o", "one.npz", "--pixels", "50"])
+    run(*["map", "one.npz", "street/query.npz", "-o", "one.npz", "--overwrite"])
     assert ReferenceMap.load("one.npz") == both
 
     for wrong, sentence in (
@@ -255,6 +246,5 @@ def test_the_command_maps_two_drives_and_updates_a_map(
         ),
         ("map one.npz street/query.npz -o street/query.npz --overwrite", "street/query.npz"),
     ):
-        assert _run(wrong) == 2
-        assert sentence in capsys.readouterr().err
+        assert sentence in refused(*wrong.split())
     assert not Path("new.npz").exists()

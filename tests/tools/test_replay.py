@@ -78,9 +78,9 @@ def test_the_match_is_the_place_of_least_cost_in_every_frame(there, name):
     assert replay.cost.shape == (matches.places_in_map, n)
 
 
-def test_a_gif_has_a_frame_for_each_window_and_plays_ten_a_second(there, tmp_path):
+def test_a_gif_has_a_frame_for_each_window_and_plays_ten_a_second(there, tmp_path, run):
     film = tmp_path / "match.gif"
-    assert main(["replay", "whole", "-o", str(film)]) == 0
+    run("replay", "whole", "-o", film)
     with Image.open(film) as picture:
         assert picture.n_frames == len(Matches.load("whole/matches.npz"))
         assert picture.info["loop"] == 0
@@ -105,18 +105,11 @@ def test_each_frame_says_what_the_table_says(there):
 
 
 @pytest.mark.parametrize("name", ["whole", "live"])
-def test_a_film_of_an_evaluated_drive_shows_the_truth(there, tmp_path, name, capsys):
-    copy, truth = tmp_path / "results", tmp_path / "track.csv"
-    shutil.copytree(there / name, copy)
+def test_a_film_of_an_evaluated_drive_shows_the_truth(there, tmp_path, name, run):
+    copy, truth = shutil.copytree(there / name, tmp_path / "results"), tmp_path / "track.csv"
     truth.write_text("time_s,x_m,y_m\n0,10,20\n3,55,-25\n")  # ever farther from the map's
-    words = ["evaluate", str(copy), "--ground-truth", "track.csv", str(truth), "--tolerance", "5"]
-    assert main(words) == 0
-    inputs, result = RecordedInputs(copy, read_run(copy)), MatchResult.load(copy)
-    recording = (
-        inputs.recording("a test", result.reference.camera) if result.queries is None else None
-    )
-    files = evaluated_truth(copy)
-    film = replay_of(result, recording, inputs.odometry(), 1_000, truth=files)
+    run("evaluate", copy, "--ground-truth", "track.csv", truth, "--tolerance", 5)
+    film = load(copy, 1_000, truth=evaluated_truth(copy))
     time_us = film.outcome.matches.time_us
     expected = np.column_stack([10 + 15e-6 * time_us, 20 - 15e-6 * time_us])
     place = film.reference.route.position[film.outcome.matches.place]
@@ -125,24 +118,21 @@ def test_a_film_of_an_evaluated_drive_shows_the_truth(there, tmp_path, name, cap
     assert np.allclose(film.true.query, expected, atol=1e-6)
     for text, right in zip(film.captions(), correct, strict=True):
         assert text.endswith(", correct" if right else ", wrong")
-    capsys.readouterr()
-    assert main(["replay", str(copy), "-o", str(tmp_path / "silent.gif"), "--frames", "2"]) == 0
-    assert "warning" not in capsys.readouterr().err  # as the evaluation has given them
+    said = run("replay", copy, "-o", tmp_path / "silent.gif", "--frames", 2).err
+    assert "warning" not in said  # as the evaluation has given them
     truth.write_text(truth.read_text() + "4,70,-40\n")
     with pytest.raises(UsageError, match="has moved or changed since the evaluation"):
         evaluated_truth(copy)
-    assert main(["replay", str(copy), "-o", str(tmp_path / "match.gif")]) == 0
-    assert "the film is without the truth" in capsys.readouterr().err
+    said = run("replay", copy, "-o", tmp_path / "match.gif").err
+    assert "the film is without the truth" in said
 
 
-def test_a_film_of_a_map_without_positions_shows_the_truth_of_an_alignment(there, tmp_path):
-    folder, pairs = tmp_path / "results", tmp_path / "pairs.csv"
-    words = ["--tau", "100ms", "--pixels", "20", "--sigma", "1"]
-    assert main(["map", "drive.npz", "-o", str(tmp_path / "map.npz"), *words]) == 0
-    assert main(["match", str(tmp_path / "map.npz"), "query.npz", "-o", str(folder)]) == 0
+def test_a_film_of_a_map_without_positions_shows_the_truth_of_an_alignment(there, tmp_path, run):
+    folder, pairs, mapped = (tmp_path / name for name in ("results", "pairs.csv", "map.npz"))
+    run("map", "drive.npz", "-o", mapped, "--tau", "100ms", "--pixels", 20, "--sigma", 1)
+    run("match", mapped, "query.npz", "-o", folder)
     pairs.write_text("query_s,reference_s\n0,0\n2,1\n")
-    words = ["evaluate", str(folder), "--ground-truth", str(pairs), "--tolerance", "0.3"]
-    assert main(words) == 0
+    run("evaluate", folder, "--ground-truth", pairs, "--tolerance", 0.3)
     film = replay_of(MatchResult.load(folder), None, None, 1_000, truth=evaluated_truth(folder))
     with panels(2, 3, 7.2, 4.5) as (drawing, axes):
         shown = _Film(film, drawing, axes)
@@ -156,19 +146,17 @@ def test_a_film_of_a_map_without_positions_shows_the_truth_of_an_alignment(there
         assert marked == [film.outcome.correct[i], film.outcome.wrong[i]]
 
 
-def test_a_part_and_fewer_frames_can_be_asked_for(there, tmp_path):
+def test_a_part_and_fewer_frames_can_be_asked_for(there, tmp_path, run):
     film = tmp_path / "match.gif"
-    words = ["replay", "whole", "-o", str(film), "--start", "0.5", "--end", "2", "--frames", "4"]
-    assert main(words) == 0
+    words = ["replay", "whole", "-o", film, "--start", 0.5, "--end", 2, "--frames"]
+    run(*words, 4)
     with Image.open(film) as picture:
         assert picture.n_frames == 4
     texts = load(there / "whole", 4, start_s=0.5, end_s=2.0).captions()
     times = [float(text.split(" s:")[0]) for text in texts]
-    assert len(times) == 4
-    assert times == sorted(times)
-    assert times[0] >= 0.5
-    assert times[-1] <= 2.0
-    assert main([*words, "--overwrite", "--frames", "1"]) == 0
+    assert len(times) == 4 and times == sorted(times)
+    assert times[0] >= 0.5 and times[-1] <= 2.0
+    run(*words, 1, "--overwrite")
 
 
 def test_the_events_of_all_pixels_are_those_of_the_recording(there):
@@ -176,13 +164,6 @@ def test_the_events_of_all_pixels_are_those_of_the_recording(there):
     assert np.array_equal(replay.images.sum(axis=(1, 2)), replay.queries.events)
     seen = replay.images[:, replay.reference.pixel_map.y, replay.reference.pixel_map.x]
     assert np.array_equal(seen.sum(axis=1), replay.queries.selected_events)
-
-
-def refused(capsys, *words):
-    assert main(["replay", *map(str, words)]) in (1, 2)
-    lines = capsys.readouterr().err.strip().splitlines()
-    assert len(lines) == 1
-    return lines[0]
 
 
 @pytest.mark.parametrize(
@@ -194,59 +175,57 @@ def refused(capsys, *words):
     ],
 )
 def test_a_file_that_has_moved_or_changed_is_named(
-    there, tmp_path, monkeypatch, capsys, name, needed, what, more
+    there, tmp_path, monkeypatch, run, refused, name, needed, what, more
 ):
     shutil.copytree(there / name, tmp_path / name)
     monkeypatch.chdir(tmp_path)
-    words = [name, "-o", "match.gif", "--frames", 2, *more]
-    assert f"{needed}, which {what} needs, is not there: run edge" in refused(capsys, *words)
+    words = ["replay", name, "-o", "match.gif", "--frames", 2, *more]
+    assert f"{needed}, which {what} needs, is not there: run edge" in refused(*words)
     (tmp_path / needed).write_bytes((there / needed).read_bytes() + b"\n")
-    assert f"{needed}, which {what} needs, has changed since" in refused(capsys, *words)
+    assert f"{needed}, which {what} needs, has changed since" in refused(*words)
     shutil.copy(there / needed, tmp_path)
-    assert main(["replay", *map(str, words)]) == 0
+    run(*words)
 
 
-def test_a_film_is_made_from_any_folder(drive, tmp_path, monkeypatch, capsys):
+def test_a_film_is_made_from_any_folder(drive, tmp_path, monkeypatch, run):
     """Recording, odometry and truth lie where they lay when the match was made and judged."""
     shutil.copytree(drive, tmp_path / "drive")
     monkeypatch.chdir(tmp_path / "drive")
-    words = ["evaluate", "live", "--ground-truth", "track.csv", "other.csv", "--tolerance", "5"]
     Path("other.csv").write_text("time_s,x_m,y_m\n0,10,20\n3,41,-10\n")
-    assert main(words) == 0
+    run("evaluate", "live", "--ground-truth", "track.csv", "other.csv", "--tolerance", 5)
     monkeypatch.chdir(tmp_path)
     for name in ("live", "wheels"):
-        capsys.readouterr()
-        assert main(["replay", f"drive/{name}", "-o", f"{name}.gif", "--frames", "2"]) == 0
-        assert "without the truth" not in capsys.readouterr().err
+        said = run("replay", f"drive/{name}", "-o", f"{name}.gif", "--frames", 2).err
+        assert "without the truth" not in said
 
 
-def test_recorded_matches_need_no_other_file(there, tmp_path, monkeypatch):
+def test_recorded_matches_need_no_other_file(there, tmp_path, monkeypatch, run):
     shutil.copytree(there / "whole", tmp_path / "whole")
     monkeypatch.chdir(tmp_path)
-    assert main(["replay", "whole", "-o", "match.gif", "--frames", "2"]) == 0
+    run("replay", "whole", "-o", "match.gif", "--frames", 2)
 
 
-def test_what_cannot_be_shown_is_refused(there, tmp_path, capsys):
+def test_what_cannot_be_shown_is_refused(there, tmp_path, refused):
     film = tmp_path / "match.gif"
-    for words, says in (
-        (("whole", "-o", tmp_path / "match.mp4"), "does not end in .gif"),
-        (("whole", "-o", film, "--frames", 0), "expected 1 or more"),
-        (("whole", "-o", film, "--start", 50), "no window lies between 50.0 and None s"),
-        (("nothing", "-o", film), "run edge-vpr match first"),
+    for words, code, says in (
+        (("whole", "-o", tmp_path / "match.mp4"), 2, "does not end in .gif"),
+        (("whole", "-o", film, "--frames", 0), 2, "expected 1 or more"),
+        (("whole", "-o", film, "--start", 50), 2, "no window lies between 50.0 and None s"),
+        (("nothing", "-o", film), 1, "run edge-vpr match first"),
     ):
-        assert says in refused(capsys, *words)
+        assert says in refused("replay", *words, code=code)
     assert not film.exists()
     film.write_text("mine")
-    assert "replace it with --overwrite" in refused(capsys, "whole", "-o", film)
+    assert "replace it with --overwrite" in refused("replay", "whole", "-o", film)
 
 
-def test_a_film_of_the_demo_shows_the_truth(tmp_path, monkeypatch):
+def test_a_film_of_the_demo_shows_the_truth(tmp_path, monkeypatch, run):
     """Its folder is as `edge-vpr evaluate` leaves one, with the tracks of both drives."""
     monkeypatch.chdir(tmp_path)
     street = partial(simulate_pair, sensor="tiny", length_m=60.0)
     monkeypatch.setattr("edge_vpr.simulation.simulate_pair", street)
-    assert main(["demo", "-o", "demo"]) == 0
-    assert main(["replay", "demo", "-o", "all.gif", "--all-events", "--frames", "2"]) == 0
+    run("demo", "-o", "demo")
+    run("replay", "demo", "-o", "all.gif", "--all-events", "--frames", 2)
     folder = Path("demo")
     result = MatchResult.load(folder)
     film = replay_of(result, None, None, 10, truth=evaluated_truth(folder))
