@@ -15,7 +15,6 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from edge_vpr_tools.cli import main
 from edge_vpr_tools.commands import golden_verify
 
 from firmware_model import Design, VectorError
@@ -67,18 +66,17 @@ def board():
         process.stdout.close()
 
 
-def test_a_board_runs_the_vectors_over_its_port(board, vectors, tmp_path, capsys):
+def test_a_board_runs_the_vectors_over_its_port(board, vectors, tmp_path, run):
     """Whole cases, then one alone, without a reset between them."""
     port = board(program(tmp_path))
-    assert main(["golden", "verify", str(vectors), "--port", port]) == 0
+    verify = ["golden", "verify", vectors, "--port", port]
     cases = len(list((vectors / "filter").iterdir()))
-    assert f"{port}: {cases} of {cases} cases, equal records:" in capsys.readouterr().out
-    one = f"filter/{next((vectors / 'filter').iterdir()).name}"
-    assert main(["golden", "verify", str(vectors), "--port", port, "--case", one]) == 0
-    assert f"{port}: 1 of {cases} cases" in capsys.readouterr().out
+    assert f"{port}: {cases} of {cases} cases, equal records:" in run(*verify).out
+    one, _ = first_case(vectors)
+    assert f"{port}: 1 of {cases} cases" in run(*verify, "--case", one).out
 
 
-def test_a_board_with_a_fault_is_found(board, vectors, tmp_path, capsys):
+def test_a_board_with_a_fault_is_found(board, vectors, tmp_path, run):
     """Ties are not counted."""
     sources = tmp_path / "c"
     shutil.copytree(M4.parents[1] / "firmware_model" / "c", sources)
@@ -87,8 +85,8 @@ def test_a_board_with_a_fault_is_found(board, vectors, tmp_path, capsys):
     assert wrong != text
     (sources / "filter.h").write_text(wrong, "ascii")
     port = board(program(tmp_path / "out", sources))
-    assert main(["golden", "verify", str(vectors), "--port", port]) == 1
-    assert re.search(r"ties: expected \d+, got \d+", capsys.readouterr().out)
+    said = run("golden", "verify", vectors, "--port", port, code=1).out
+    assert re.search(r"ties: expected \d+, got \d+", said)
 
 
 def first_case(vectors):
@@ -170,7 +168,7 @@ def case_wanted(board: int) -> int:
     return struct.unpack("<5I", head)[1]
 
 
-def test_a_board_that_asks_and_does_not_read_is_given_up(vectors, port, capsys):
+def test_a_board_that_asks_and_does_not_read_is_given_up(vectors, port, run, refused):
     """It asks for all bytes of a case whose image no line buffers."""
     design = Design(width=64, height=48, pixels=250, places=600, length=4, code_bits=3)
     suites = {"random": standard_suites(design, 0, "random")["random"][:1]}
@@ -182,14 +180,13 @@ def test_a_board_that_asks_and_does_not_read_is_given_up(vectors, port, capsys):
         os.write(board, struct.pack("<6I", 0, 1, case_wanted(board), READY, 1, takes))
         over.wait()
 
-    words = ["golden", "verify", str(vectors.parent / "large"), "--timeout", "0.5"]
-    assert main([*words, "--port", port(does)]) == 1
-    assert f"{name}: the board asks for bytes and does not take them" in capsys.readouterr().err
-    assert main([*words[:-1], "0", "--port", "none"]) == 2
-    assert "--timeout 0: expected seconds above 0" in capsys.readouterr().err
+    words = ["golden", "verify", vectors.parent / "large", "--timeout"]
+    said = run(*words, 0.5, "--port", port(does), code=1).err
+    assert f"{name}: the board asks for bytes and does not take them" in said
+    assert "--timeout 0: expected seconds above 0" in refused(*words, 0, "--port", "none")
 
 
-def test_a_board_without_room_for_any_case_is_an_error(vectors, port, capsys, monkeypatch):
+def test_a_board_without_room_for_any_case_is_an_error(vectors, port, run, monkeypatch):
     """And what it does is told in lines where there is no terminal."""
     monkeypatch.setattr(golden_verify, "_PROGRESS_S", 0.0)
     number = len(list((vectors / "filter").iterdir()))
@@ -198,8 +195,7 @@ def test_a_board_without_room_for_any_case_is_an_error(vectors, port, capsys, mo
         for case in range(number):
             os.write(board, struct.pack("<6I", 0, 1, case_wanted(board), REFUSED, 1, 70_000 + case))
 
-    assert main(["golden", "verify", str(vectors), "--port", port(does)]) == 1
-    said = capsys.readouterr().err
+    said = run("golden", "verify", vectors, "--port", port(does), code=1).err
     assert re.search(rf"no case was run: {number} cases of more memory.*70,000 bytes", said)
     assert f"case {number} of {number}, filter/" in said
 
@@ -220,9 +216,7 @@ def test_a_case_too_large_for_the_board_is_left_out_and_said(vectors):
     assert returned.too_large == {name: 70_000} and returned.records == []
 
 
-def test_a_port_that_is_none_is_said(vectors, tmp_path, capsys):
-    words = ["golden", "verify", str(vectors), "--port", str(tmp_path / "none")]
-    assert main(words) == 1
-    assert "cannot talk to a board at" in capsys.readouterr().err
-    assert main([*words, "--results", "a.csv"]) == 2
-    assert "give one of them" in capsys.readouterr().err
+def test_a_port_that_is_none_is_said(vectors, tmp_path, refused):
+    words = ["golden", "verify", vectors, "--port", tmp_path / "none"]
+    assert "cannot talk to a board at" in refused(*words, code=1)
+    assert "give one of them" in refused(*words, "--results", "a.csv")

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import json
 import re
 import socket
 import threading
@@ -31,7 +30,7 @@ from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.route import OdometerCheck, Odometry
 from edge_vpr.settings import Settings
 from edge_vpr.simulation import simulate_pair
-from tests.live.devices import play
+from tests.live.devices import play, rows_of
 from tests.streams import Drive, random_events, split_events
 
 SENSOR = Sensor(64, 48)
@@ -196,11 +195,9 @@ def test_a_run_with_an_odometer_is_the_offline_one_with_the_readings_of_its_log(
     events = join_events(list(open_recording(drive / "query.npz")))
     log = tmp_path / "run.jsonl"
     streamed(drive, "--every", "100ms", "--map", drive / "map.npz", "--log", log)
-    rows = [json.loads(row) for row in log.read_text().splitlines()]
-    assert not any(row["kind"] == "odometer" for row in rows)
-    readings = {
-        round(1e6 * row["time_s"]): row["distance_m"] for row in rows if row["kind"] == "odometry"
-    }
+    assert not rows_of(log, "odometer")
+    read = rows_of(log, "odometry")
+    readings = {round(1e6 * row["time_s"]): row["distance_m"] for row in read}
     assert len(readings) > 50  # of 200 a second or fewer, on a machine that is busy
     odometry = Odometry(
         np.array(list(readings), dtype=np.int64),
@@ -209,8 +206,7 @@ def test_a_run_with_an_odometer_is_the_offline_one_with_the_readings_of_its_log(
     reference = ReferenceMap.load(drive / "map.npz")
     live = [
         [round(1e6 * row["time_s"]), row["place"], row["distance"], row["trust"]]
-        for row in rows
-        if row["kind"] == "match"
+        for row in rows_of(log, "match")
     ]
 
     def offline(odometry):
@@ -233,8 +229,7 @@ def test_what_is_driven_while_the_line_stands_still_is_read_with_the_events_of_t
     log = tmp_path / "run.jsonl"
     words = ["--map", drive / "map.npz", "--log", log]
     streamed(drive, *words, shown_m=lambda _: 5 * time.monotonic(), faults=faults)
-    rows = [json.loads(row) for row in log.read_text().splitlines()]
-    read = [(row["time_s"], row["distance_m"]) for row in rows if row["kind"] == "odometry"]
+    read = [(row["time_s"], row["distance_m"]) for row in rows_of(log, "odometry")]
     moments = {time_s: [m for t, m in read if t == time_s] for time_s, _ in read}
     # the robot drives 7.5 m meanwhile; a machine that is busy is late by some of it
     assert max(max(metres) - min(metres) for metres in moments.values()) < 4
@@ -273,13 +268,13 @@ def test_a_drive_that_makes_no_map_is_kept_with_its_odometry(drive, tmp_path, ca
     ],
 )
 def test_odometry_that_cannot_be_is_refused_before_the_run(
-    words, message, drive, tmp_path, monkeypatch, capsys
+    words, message, drive, tmp_path, monkeypatch, refused
 ):
     monkeypatch.chdir(drive)
     (tmp_path / "empty.bin").touch()
-    command = ["stream", "--port", str(tmp_path / "empty.bin"), "--protocol", "evpr", "--once"]
-    assert main([*command, "--odometry", "udp://:5001", *words]) != 0
-    assert message in capsys.readouterr().err
+    command = ["stream", "--port", tmp_path / "empty.bin", "--protocol", "evpr", "--once"]
+    code = 1 if "Connection" in message else 2
+    assert message in refused(*command, "--odometry", "udp://:5001", *words, code=code)
 
 
 def test_a_session_takes_no_file_as_the_odometer(drive, tmp_path):
@@ -300,11 +295,10 @@ def test_a_run_counts_the_leaps_of_its_odometer_and_goes_on_without_it(drive, ca
             assert "the odometer leapt to " in out and "such readings are left out; send met" in out
             assert "odometer leaps" in out
             continue
-        rows = [json.loads(row) for row in out.splitlines()]
-        (said,) = [row for row in rows if row["kind"] == "odometer"]
+        (said,) = rows_of(out, "odometer")
         assert "send metres" in said["text"]
-        assert [row["kind"] for row in rows].count("match") > 20
-        (health,) = [row for row in rows if row["kind"] == "summary"]
+        assert len(rows_of(out, "match")) > 20
+        (health,) = rows_of(out, "summary")
         assert health["odometer_leaps"] > 20
 
 
@@ -319,8 +313,7 @@ def test_a_live_run_shows_the_odometer_s_metres_beside_the_length_of_the_route(
     assert re.search(
         r"\| -\d+\.\d m by the odometer, route length 14\.\d m \(ratio -\d\.\d\d\)", text
     )
-    rows = [json.loads(row) for row in (tmp_path / "run.jsonl").read_text().splitlines()]
-    (health,) = [row for row in rows if row["kind"] == "summary"]
+    (health,) = rows_of(tmp_path / "run.jsonl", "summary")
     assert health["odometer_leaps"] == 0
     assert -30 < health["odometer_m"] < -20
 

@@ -9,7 +9,6 @@ from types import SimpleNamespace
 
 import pytest
 from edge_vpr_tools import doctor
-from edge_vpr_tools.cli import main
 from edge_vpr_tools.commands import ports
 from edge_vpr_tools.doctor import CHECKS
 from serial.tools import list_ports, list_ports_common
@@ -23,13 +22,11 @@ def requiring(monkeypatch, *lines):
     monkeypatch.setattr(doctor, "distribution", lambda name: stand_in)
 
 
-def test_facts_of_this_machine_are_a_line_each_and_json(capsys):
-    assert main(["doctor"]) == 0
-    lines = capsys.readouterr().out.splitlines()
+def test_facts_of_this_machine_are_a_line_each_and_json(run):
+    lines = run("doctor").out.splitlines()
     assert [line.split("  ")[0] for line in lines] == list(CHECKS)
     assert f"edge-vpr {__version__} has all that it requires" in lines[0]
-    assert main(["doctor", "--json"]) == 0
-    facts = json.loads(capsys.readouterr().out)
+    facts = json.loads(run("doctor", "--json").out)
     assert list(facts) == list(CHECKS)
     assert not any("check fails" in text for text in facts.values())
 
@@ -44,13 +41,12 @@ def test_libraries_that_are_too_old_or_missing_are_told(monkeypatch):
     assert doctor.extras() == "parquet; not installed: dask, formats, hdf5"
 
 
-def test_a_check_that_fails_leaves_the_others(monkeypatch, capsys):
+def test_a_check_that_fails_leaves_the_others(monkeypatch, run):
     def fails():
         raise ValueError("boom\nand more")
 
     monkeypatch.setitem(CHECKS, "memory", fails)
-    assert main(["doctor"]) == 0
-    out = capsys.readouterr().out
+    out = run("doctor").out
     assert "the check fails: ValueError: boom" in out and "serial ports" in out
 
 
@@ -77,7 +73,7 @@ def test_a_port_that_may_not_be_opened_is_told(monkeypatch, is_open):
     assert doctor.ports() == told
 
 
-def test_a_port_is_shown_with_the_name_that_stays(monkeypatch, tmp_path, capsys):
+def test_a_port_is_shown_with_the_name_that_stays(monkeypatch, tmp_path, run):
     """/dev/ttyUSB0 is another device after the next start."""
     port, link = tmp_path / "ttyUSB0", tmp_path / "by-id/usb-Maker_1.2-if00-port0"
     link.parent.mkdir()
@@ -86,6 +82,5 @@ def test_a_port_is_shown_with_the_name_that_stays(monkeypatch, tmp_path, capsys)
     monkeypatch.setattr(ports, "LINKS", str(tmp_path))
     attached = [list_ports_common.ListPortInfo(str(each)) for each in (port, tmp_path / "ttyS0")]
     monkeypatch.setattr(list_ports, "comports", lambda: attached)
-    assert main(["ports"]) == 0
-    (stays,) = (line for line in capsys.readouterr().out.splitlines() if "always" in line)
+    (stays,) = (line for line in run("ports").out.splitlines() if "always" in line)
     assert stays == f"    always {link}"
