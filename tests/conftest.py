@@ -94,9 +94,10 @@ def run(capsys: pytest.CaptureFixture[str]) -> Callable[..., tuple[str, str]]:
 @pytest.fixture
 def refused(run: Callable[..., tuple[str, str]]) -> Callable[..., str]:
     """Run a command line that is refused; return its error, which is one line."""
+    from edge_vpr.compile_report import COMPILING
 
     def refused(*words: object, code: int = 2) -> str:
-        _, err = run(*words, code=code)
+        err = run(*words, code=code)[1].removeprefix(f"edge-vpr: {COMPILING}\n")
         assert err.startswith("edge-vpr: error: ") and err.count("\n") == 1, err
         return err
 
