@@ -14,7 +14,7 @@ import numpy.typing as npt
 
 from edge_vpr.archive import read_archive, write_archive
 from edge_vpr.compiling import working_s
-from edge_vpr.confidence import OFF_MAP_MISFIT, OFF_MAP_TEXT
+from edge_vpr.confidence import OFF_MAP_MISFIT
 from edge_vpr.descriptors.counting import (
     AnyRecording,
     DescriptorStream,
@@ -374,7 +374,7 @@ class MatchResult:
         )
         if self.matches.settings.matching == "filter":
             unlike = int(np.count_nonzero(self.matches.misfit >= OFF_MAP_MISFIT))
-            lines["light"] = f"{unlike:,} of {len(self)} matches: {OFF_MAP_TEXT}"
+            lines["views"] = f"{unlike:,} of {len(self):,} matches look unlike the map"
         return lines
 
     def evaluate(
