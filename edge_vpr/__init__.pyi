@@ -10,7 +10,7 @@ from .descriptors.pixels import select_pixels as select_pixels
 from .descriptors.windows import Descriptors as Descriptors
 from .descriptors.windows import FixedCount as FixedCount
 from .descriptors.windows import FixedTime as FixedTime
-from .descriptors.windows import PublishedWindows as PublishedWindows
+from .descriptors.published import PublishedWindows as PublishedWindows
 from .errors import EdgeVprError as EdgeVprError
 from .errors import EdgeVprWarning as EdgeVprWarning
 from .errors import UsageError as UsageError

@@ -17,7 +17,8 @@ from edge_vpr.descriptors.codes import (
     limits_of,
     saturated,
 )
-from edge_vpr.descriptors.windows import PublishedWindows, find_pauses
+from edge_vpr.descriptors.published import PublishedWindows
+from edge_vpr.descriptors.windows import find_pauses
 from edge_vpr.reference_map import ReferenceMap
 from firmware_model.specification import (
     differences_of,

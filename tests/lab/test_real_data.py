@@ -15,7 +15,7 @@ from lab.variants import Variant
 
 from edge_vpr.confidence import LIVE, SMOOTHED, default_confidence
 from edge_vpr.descriptors.counting import count_places
-from edge_vpr.descriptors.windows import PublishedWindows
+from edge_vpr.descriptors.published import PublishedWindows
 from edge_vpr.errors import MapError, UsageError
 from edge_vpr.evaluation.calibration import reliability
 from edge_vpr.evaluation.ground_truth import from_tracks

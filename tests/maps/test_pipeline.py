@@ -13,7 +13,8 @@ from hypothesis import strategies as st
 from edge_vpr.descriptors.cleaning import BURST_SHARE, BURST_SLOT_US, HOT_FACTOR
 from edge_vpr.descriptors.counting import count_windows
 from edge_vpr.descriptors.pixels import PixelMap, PixelStatistics
-from edge_vpr.descriptors.windows import PublishedWindows, WindowCounts
+from edge_vpr.descriptors.published import PublishedWindows
+from edge_vpr.descriptors.windows import WindowCounts
 from edge_vpr.errors import EventError, MapError, UsageError
 from edge_vpr.events import Sensor, join_events, make_events
 from edge_vpr.map_making import describe

@@ -10,7 +10,7 @@ from edge_vpr_tools import cli
 from hypothesis import given
 from hypothesis import strategies as st
 
-from edge_vpr.descriptors.windows import PublishedWindows
+from edge_vpr.descriptors.published import PublishedWindows
 from edge_vpr.errors import RecordingError, UsageError
 from edge_vpr.events import Sensor, join_events
 from edge_vpr.recordings import TimeCrop, open_recording, write_recording

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
 
 from edge_vpr.descriptors.counting import Removed
-from edge_vpr.descriptors.windows import PublishedWindows
+from edge_vpr.descriptors.published import PublishedWindows
 from edge_vpr.events import Events
 from edge_vpr.recordings import Recording, open_recording
 from edge_vpr.recordings.reading import NO_CAMERA, Camera, crop_of

@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from edge_vpr.descriptors.pixels import PixelMap
-from edge_vpr.descriptors.windows import PublishedWindows
+from edge_vpr.descriptors.published import PublishedWindows
 from edge_vpr.errors import UsageError
 from edge_vpr.evaluation.ground_truth import (
     Alignment,

@@ -33,7 +33,7 @@ from edge_vpr_tools.flags import (
 
 if TYPE_CHECKING:
     from edge_vpr.descriptors.counting import Removed
-    from edge_vpr.descriptors.windows import PublishedWindows
+    from edge_vpr.descriptors.published import PublishedWindows
     from edge_vpr.evaluation.tracks import Track
     from edge_vpr.recordings import Recording
     from edge_vpr.reference_map import ReferenceMap

@@ -27,7 +27,7 @@ from edge_vpr_tools.flags import (
 )
 
 if TYPE_CHECKING:
-    from edge_vpr.descriptors.windows import PublishedWindows
+    from edge_vpr.descriptors.published import PublishedWindows
     from edge_vpr.matching.matches import Matches
     from edge_vpr.recordings import Recording
     from edge_vpr.reference_map import ReferenceMap

@@ -13,7 +13,7 @@ from edge_vpr_tools.console import note, status, summary
 from edge_vpr_tools.flags import add_output_flags
 
 if TYPE_CHECKING:
-    from edge_vpr.descriptors.windows import PublishedWindows
+    from edge_vpr.descriptors.published import PublishedWindows
     from edge_vpr.recordings import Recording
     from edge_vpr.recordings.reading import Camera
     from edge_vpr.results import RunRecord

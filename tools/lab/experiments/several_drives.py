@@ -19,7 +19,7 @@ import numpy as np
 from edge_vpr_tools.report.tables import TableView
 
 from edge_vpr.descriptors.counting import EventSource, WindowSource, count_places
-from edge_vpr.descriptors.windows import PublishedWindows
+from edge_vpr.descriptors.published import PublishedWindows
 from edge_vpr.evaluation.track_files import load_track
 from edge_vpr.evaluation.tracks import Track, with_positions
 from edge_vpr.learning import learn_drive
