@@ -7,10 +7,10 @@ from .descriptors.counting import DescriptorStream as DescriptorStream
 from .descriptors.counting import count_events as count_events
 from .descriptors.pixels import PixelMap as PixelMap
 from .descriptors.pixels import select_pixels as select_pixels
+from .descriptors.published import PublishedWindows as PublishedWindows
 from .descriptors.windows import Descriptors as Descriptors
 from .descriptors.windows import FixedCount as FixedCount
 from .descriptors.windows import FixedTime as FixedTime
-from .descriptors.published import PublishedWindows as PublishedWindows
 from .errors import EdgeVprError as EdgeVprError
 from .errors import EdgeVprWarning as EdgeVprWarning
 from .errors import UsageError as UsageError
@@ -44,13 +44,13 @@ from .matching.drive import match_descriptors as match_descriptors
 from .matching.match import MATCH_DTYPE as MATCH_DTYPE
 from .matching.match import Match as Match
 from .matching.matches import Matches as Matches
+from .odometry import Odometry as Odometry
 from .online.localiser import Localiser as Localiser
 from .online.schedule import MatchSchedule as MatchSchedule
 from .recordings import Recording as Recording
 from .recordings import open_recording as open_recording
 from .recordings import write_recording as write_recording
 from .reference_map import ReferenceMap as ReferenceMap
-from .route import Odometry as Odometry
 from .settings import PRESETS as PRESETS
 from .settings import MatchingChanges as MatchingChanges
 from .settings import PartName as PartName

@@ -23,8 +23,8 @@ from edge_vpr.matching.distances import ReferenceIndex
 from edge_vpr.matching.drive import match_by_filter, match_descriptors
 from edge_vpr.matching.place_filter import PlaceFilter
 from edge_vpr.matching.search import exclusion_zone
+from edge_vpr.odometry import Odometry
 from edge_vpr.reference_map import ReferenceMap
-from edge_vpr.route import Odometry
 
 #: a window agrees if its place, matched with the windows of the drive, is that many windows from it
 AGREE = 3

@@ -55,10 +55,10 @@ from edge_vpr.evaluation.track_files import AnyTrack, load_track
 from edge_vpr.evaluation.tracks import UNIX_US, Track, with_positions
 from edge_vpr.events import Sensor, SensorSize
 from edge_vpr.learning import MapUpdate, learn_drive
+from edge_vpr.odometry import Odometry
 from edge_vpr.recordings import open_recording
 from edge_vpr.recordings.memory import column_names
 from edge_vpr.reference_map import KIND, ReferenceMap
-from edge_vpr.route import Odometry
 from edge_vpr.settings import Preset, Settings, resolve_settings
 
 # A map of a drive, and of another one too.

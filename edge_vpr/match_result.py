@@ -46,6 +46,7 @@ from edge_vpr.map_making import (
 from edge_vpr.matching.drive import match_query
 from edge_vpr.matching.match import join_matches
 from edge_vpr.matching.matches import Matches, write_csv
+from edge_vpr.odometry import Odometry
 from edge_vpr.online.localiser import Localiser
 from edge_vpr.online.odometry_feed import OdometryFeed
 from edge_vpr.online.schedule import MatchSchedule
@@ -68,7 +69,6 @@ from edge_vpr.results import (
     run_record,
     write_json,
 )
-from edge_vpr.route import Odometry
 from edge_vpr.settings import Score, Settings
 
 if TYPE_CHECKING:

@@ -32,8 +32,9 @@ from edge_vpr.descriptors.pixels import PixelMap
 from edge_vpr.descriptors.windows import Descriptors, activity_of_drive, check_descriptors, narrow
 from edge_vpr.errors import EdgeVprWarning, MapError, UsageError, expect
 from edge_vpr.events import Sensor, SensorSize
+from edge_vpr.odometry import MOST_MM, Odometry
 from edge_vpr.recordings.reading import Camera
-from edge_vpr.route import MOST_MM, Odometry, Route, length_m
+from edge_vpr.route import Route, length_m
 from edge_vpr.settings import MatchingChanges, Preset, SettingChanges, Settings
 from fixedpoint.formats import packed_bytes
 from fixedpoint.own_mean import FULL_SCALE, ContrastCode

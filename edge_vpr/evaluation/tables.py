@@ -16,8 +16,8 @@ import numpy.typing as npt
 from edge_vpr.errors import EdgeVprWarning, GroundTruthError, UsageError, as_path, number_in
 from edge_vpr.events import TIME_LIMIT_US
 from edge_vpr.files import open_input, replacing
+from edge_vpr.odometry import LEAP_MM_PER_S, LEAST_GAP_US, MOST_MM, Odometry
 from edge_vpr.recordings.memory import NamedTable, column_names
-from edge_vpr.route import LEAP_MM_PER_S, LEAST_GAP_US, MOST_MM, Odometry
 
 Floats = npt.NDArray[np.float64]
 

@@ -13,8 +13,8 @@ from edge_vpr.descriptors.counting import Removed
 from edge_vpr.errors import printable
 from edge_vpr.evaluation.tables import save_odometry
 from edge_vpr.learning import MapUpdate
+from edge_vpr.odometry import Odometry
 from edge_vpr.reference_map import ReferenceMap
-from edge_vpr.route import Odometry
 from edge_vpr.settings import Settings
 
 

@@ -9,7 +9,7 @@ from collections.abc import Callable
 from edge_vpr.errors import number_in
 from edge_vpr.live.links import open_link
 from edge_vpr.live.reader import LinkReader
-from edge_vpr.route import MOST_MM
+from edge_vpr.odometry import MOST_MM
 
 #: Largest length of a reading, in bytes.
 MOST_BYTES = 64

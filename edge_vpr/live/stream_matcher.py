@@ -15,10 +15,10 @@ from edge_vpr.live.losses import LossWatch
 from edge_vpr.live.position import Locator, PathPosition
 from edge_vpr.live.protocols import Decoder
 from edge_vpr.matching.match import NO_MATCHES, Match, MatchRows, join_matches
+from edge_vpr.odometry import OdometerCheck
 from edge_vpr.online.localiser import Localiser
 from edge_vpr.online.schedule import MatchSchedule
 from edge_vpr.reference_map import ReferenceMap
-from edge_vpr.route import OdometerCheck
 
 _NEVER_US = 1 << 62
 #: A step of the clock is a jump if it is longer than this time and than this number of ticks.

@@ -24,8 +24,8 @@ from edge_vpr.matching.search import nearest_places
 from edge_vpr.matching.sequences import match_by_sequences, sequence_distances
 from edge_vpr.matching.smoothing import BackwardPass, runs
 from edge_vpr.matching.trust import smoothed_misfit, smoothed_trust
+from edge_vpr.odometry import Odometry
 from edge_vpr.reference_map import ReferenceMap
-from edge_vpr.route import Odometry
 from edge_vpr.settings import Settings
 
 # The place filter over a recorded drive: immediately, or by the whole drive.

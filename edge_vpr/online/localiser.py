@@ -24,6 +24,7 @@ from edge_vpr.events import (
 from edge_vpr.matching.match import MATCH_DTYPE, NO_MATCHES, MatchRows, join_matches
 from edge_vpr.matching.place_filter import PlaceFilter
 from edge_vpr.matching.prediction import check_no_odometry
+from edge_vpr.odometry import MOST_MM, Odometer, OdometerCheck
 from edge_vpr.online.kernels import (
     DONE,
     GO_ON,
@@ -45,7 +46,6 @@ from edge_vpr.online.sliding_windows import (
 )
 from edge_vpr.online.state import CONTROL, OnlineState, state_before
 from edge_vpr.reference_map import ReferenceMap
-from edge_vpr.route import MOST_MM, Odometer, OdometerCheck
 from fixedpoint.activity import SUMS
 from fixedpoint.own_mean import RunningMean
 

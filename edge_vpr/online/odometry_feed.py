@@ -6,8 +6,8 @@ import numpy as np
 import numpy.typing as npt
 
 from edge_vpr.events import Events
+from edge_vpr.odometry import Odometry
 from edge_vpr.online.localiser import Localiser
-from edge_vpr.route import Odometry
 
 
 class OdometryFeed:

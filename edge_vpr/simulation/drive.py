@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from edge_vpr.errors import UsageError
 from edge_vpr.evaluation.tracks import Track
-from edge_vpr.route import Odometry
+from edge_vpr.odometry import Odometry
 from edge_vpr.simulation.world import check_range, noise_1d
 
 _SPEED, _STOPS, _SHAKE = 11, 12, 13  # one random stream each

@@ -22,12 +22,12 @@ from edge_vpr.live.bridge import LineFaults
 from edge_vpr.live.odometer import OdometerLine, OdometerReader
 from edge_vpr.live.reader import Chunk
 from edge_vpr.live.session import LiveSession
+from edge_vpr.odometry import OdometerCheck, Odometry
 from edge_vpr.online.localiser import Localiser
 from edge_vpr.online.odometry_feed import OdometryFeed
 from edge_vpr.online.schedule import MatchSchedule
 from edge_vpr.recordings import open_recording, write_recording
 from edge_vpr.reference_map import ReferenceMap
-from edge_vpr.route import OdometerCheck, Odometry
 from edge_vpr.settings import Settings
 from edge_vpr.simulation import simulate_pair
 from tests.live.devices import play, rows_of

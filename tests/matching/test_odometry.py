@@ -19,8 +19,9 @@ from edge_vpr.events import Sensor
 from edge_vpr.matching.drive import match_descriptors
 from edge_vpr.matching.place_filter import PlaceFilter
 from edge_vpr.matching.prediction import TransitionCosts, Transitions
+from edge_vpr.odometry import MOST_MM, Odometry
 from edge_vpr.recordings import write_recording
-from edge_vpr.route import MOST_MM, Odometry, Route
+from edge_vpr.route import Route
 from edge_vpr.settings import Settings
 from edge_vpr.simulation.drive import wheel_odometry
 from firmware_model.specification_drive import anchored

@@ -25,7 +25,7 @@ from edge_vpr.matching.place_filter import PATIENCE, PlaceFilter, WindowRows
 from edge_vpr.matching.prediction import TransitionCosts, Transitions
 from edge_vpr.matching.smoothing import BackwardPass
 from edge_vpr.matching.trust import held_trust
-from edge_vpr.route import MOST_MM, Odometry
+from edge_vpr.odometry import MOST_MM, Odometry
 from edge_vpr.settings import PRESETS, Settings
 from firmware_model import specification, specification_drive
 from firmware_model.specification import distance, ilog

@@ -14,10 +14,10 @@ from edge_vpr.errors import UsageError
 from edge_vpr.events import join_events, make_events
 from edge_vpr.map_making import describe_query
 from edge_vpr.matching.drive import match_query
+from edge_vpr.odometry import Odometry
 from edge_vpr.online.localiser import Localiser
 from edge_vpr.online.odometry_feed import OdometryFeed
 from edge_vpr.online.schedule import MatchSchedule
-from edge_vpr.route import Odometry
 from edge_vpr.settings import Settings
 from firmware_model.specification_drive import (
     live_matches,

@@ -68,7 +68,7 @@ def test_edge_vpr_imports_neither_firmware_model_nor_tools():
 STAGES = [
     *("errors", "run_log", "files", "plugins", "compile_report", "compiling", "archive"),
     *("settings", "events", "results"),
-    *("confidence", "route", "recordings", "descriptors", "reference_map", "matching"),
+    *("confidence", "route", "odometry", "recordings", "descriptors", "reference_map", "matching"),
     *("evaluation", "simulation", "online", "learning"),
     *("map_making", "match_result", "live"),
 ]

@@ -27,8 +27,9 @@ from edge_vpr.live.recorder import ends_early
 from edge_vpr.live.session import LiveStatus, LiveStep
 from edge_vpr.live.watches import SILENT_S
 from edge_vpr.matching.match import Match
+from edge_vpr.odometry import ratio_text
 from edge_vpr.reference_map import ReferenceMap
-from edge_vpr.route import ALONG, ratio_text
+from edge_vpr.route import ALONG
 from edge_vpr_tools.console import in_flags, is_quiet, warning
 from edge_vpr_tools.publish import MatchServer
 

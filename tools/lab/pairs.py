@@ -31,8 +31,8 @@ from edge_vpr.map_making import coded_map
 from edge_vpr.matching.drive import match_descriptors
 from edge_vpr.matching.matches import Matches
 from edge_vpr.matching.sequences import middle_window
+from edge_vpr.odometry import Odometry
 from edge_vpr.reference_map import ReferenceMap
-from edge_vpr.route import Odometry
 from edge_vpr.settings import PRESETS, Score, Settings
 from edge_vpr.simulation import SimulatedRecording
 from fixedpoint.formats import packed_bytes

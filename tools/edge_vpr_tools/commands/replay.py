@@ -14,10 +14,10 @@ from edge_vpr_tools.flags import add_output_flags
 
 if TYPE_CHECKING:
     from edge_vpr.descriptors.published import PublishedWindows
+    from edge_vpr.odometry import Odometry
     from edge_vpr.recordings import Recording
     from edge_vpr.recordings.reading import Camera
     from edge_vpr.results import RunRecord
-    from edge_vpr.route import Odometry
     from edge_vpr.simulation import SimulatedRecording
     from edge_vpr_tools.truth_files import TruthFiles
 

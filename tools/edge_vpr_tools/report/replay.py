@@ -27,8 +27,9 @@ from edge_vpr.match_result import MatchResult
 from edge_vpr.matching.drive import query_distances
 from edge_vpr.matching.matches import Matches
 from edge_vpr.matching.sequences import middle_window
+from edge_vpr.odometry import Odometry
 from edge_vpr.reference_map import ReferenceMap
-from edge_vpr.route import Odometry, Route
+from edge_vpr.route import Route
 from edge_vpr_tools.report.figures import Window, dot_sizes, draw_window, total_counts
 from edge_vpr_tools.report.style import (
     BLACK,

@@ -16,8 +16,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from edge_vpr_tools.report.tables import TableView
 
+from edge_vpr.odometry import Odometry
 from edge_vpr.reference_map import ReferenceMap
-from edge_vpr.route import Odometry
 from edge_vpr.settings import PRESETS
 from edge_vpr.simulation import simulate_pair
 from edge_vpr.simulation.drive import wheel_odometry
