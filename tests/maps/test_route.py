@@ -7,7 +7,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from edge_vpr_tools.cli import main
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -93,23 +92,21 @@ def test_positions_of_another_map_are_refused():
         replace(a_map(3), route=Route(**ARRAYS))
 
 
-def test_matches_on_a_map_with_a_track_say_where_they_are(tmp_path, capsys):
+def test_matches_on_a_map_with_a_track_say_where_they_are(tmp_path, run, refused):
     drive = random_events(np.random.default_rng(0), 4_000, SENSOR, 4_000_000)
     write_recording(tmp_path / "drive.npz", [drive], sensor=SENSOR)
-    recording, path = str(tmp_path / "drive.npz"), str(tmp_path / "map.npz")
+    recording, path = tmp_path / "drive.npz", tmp_path / "map.npz"
     track = tmp_path / "track.csv"
     track.write_text("time_s,latitude,longitude\n0,-27.5,152.9\n3,-27.5003,152.9\n")
     small = ["--pixels", "5", "--sigma", "1", "--tau", "100ms"]
-    with_track = ["--track", str(track), "--track-offset", "0.5"]
-    assert main(["map", recording, "-o", path, *small, *with_track]) == 0
-    said = capsys.readouterr().out
+    with_track = ["--track", track, "--track-offset", "0.5"]
+    said = run("map", recording, "-o", path, *small, *with_track).out
     assert "61 of 78 places have positions, along 33 m" in said
     made = ReferenceMap.load(path)
     assert made.info().route_m == Locator(made).route_m
     for extra in ([], ["--online", "--every", "window"]):
         output = tmp_path / f"results{len(extra)}"
-        match = ["match", path, recording, "-o", str(output), "--no-figures", *extra]
-        assert main(match) == 0
+        run("match", path, recording, "-o", output, "--no-figures", *extra)
         with (output / "matches.csv").open(newline="") as file:
             rows = list(csv.DictReader(file))
         route = ReferenceMap.load(path).route
@@ -124,5 +121,5 @@ def test_matches_on_a_map_with_a_track_say_where_they_are(tmp_path, capsys):
             assert along - 0.01 <= float(row["along_to_m"])
             assert float(row["latitude"]) == pytest.approx(-27.5 - along / 111_195, abs=1e-6)
         assert any(row["along_m"] for row in rows)
-    again = ["map", recording, "-o", str(tmp_path / "b.npz"), "--track-offset", "1"]
-    assert main(again) == 2 and "add --track" in capsys.readouterr().err
+    again = ["map", recording, "-o", tmp_path / "b.npz", "--track-offset", "1"]
+    assert "add --track" in refused(*again)

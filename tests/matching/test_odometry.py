@@ -7,7 +7,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from edge_vpr_tools.cli import main
 from edge_vpr_tools.estimate.of_map import design_of
 from hypothesis import given
 from hypothesis import strategies as st
@@ -200,15 +199,14 @@ def test_a_map_without_distances_refuses_odometry():
 CONTRAST = {"counter_code": "contrast"}
 
 
-def test_a_device_has_places_at_half_windows(tmp_path, capsys):
+def test_a_device_has_places_at_half_windows(tmp_path, run):
     counts = np.ones((8, len(PIXELS)), dtype=np.int64)
     half = map_of_places(counts, places_per_window=2, **CONTRAST)
     design = design_of(half)
     assert (design.places, design.exclusion, design.places_per_window) == (8, 6, 2)
     half.save(tmp_path / "half.npz")
-    assert main(["estimate", "--map", str(tmp_path / "half.npz"), "--target", "cortex-m4"]) == 0
-    shown = " ".join(capsys.readouterr().out.split())
-    assert "place filter, places at half windows" in shown
+    shown = run("estimate", "--map", tmp_path / "half.npz", "--target", "cortex-m4").out
+    assert "place filter, places at half windows" in " ".join(shown.split())
 
 
 def test_a_simulated_wheel_is_a_few_percent_off():
@@ -230,7 +228,7 @@ def test_sequences_take_no_odometry():
 
 
 @pytest.mark.parametrize("online", [(), ("--online", "--every", "window")])
-def test_readings_at_other_times_than_the_drive_are_refused(tmp_path, capsys, online):
+def test_readings_at_other_times_than_the_drive_are_refused(tmp_path, run, online):
     """Such as times since 1970, which no place and no window would meet.
 
     Of the others, metres beside those of the route show the unit and the sign, also where no match
@@ -241,8 +239,7 @@ def test_readings_at_other_times_than_the_drive_are_refused(tmp_path, capsys, on
     small = ["--pixels", "20", "--sigma", "1", "--tau", "100ms"]
 
     def said(*words, fails=False):
-        assert bool(main([*map(str, words), "--overwrite"])) == fails
-        return "".join(capsys.readouterr())
+        return "".join(run(*words, "--overwrite", code=2 if fails else 0))
 
     drive, route = tmp_path / "drive.npz", tmp_path / "map.npz"
     rows = {"good": "0,0\n3,30", "half": "0,0\n1.6,30", "short": "0,0\n1.4,30"}

@@ -9,7 +9,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from edge_vpr_tools.cli import main
 from lab.baselines import baseline_names, compare, open_baseline
 
 from edge_vpr.descriptors.pixels import PixelMap
@@ -81,7 +80,7 @@ def test_a_baseline_that_is_no_callable_is_left_out_and_named(tmp_path, monkeypa
 
 
 @pytest.mark.usefixtures("as_the_page_says")
-def test_a_format_of_another_package_is_read_by_its_suffix_or_name(tmp_path, capsys):
+def test_a_format_of_another_package_is_read_by_its_suffix_or_name(tmp_path, run):
     rows = np.array([(5, 1, 2), (9, 3, 4)], [("t", "<i8"), ("x", "<u2"), ("y", "<u2")])
     for name in ("a.pairs", "a.bin"):
         rows.tofile(tmp_path / name)
@@ -89,8 +88,8 @@ def test_a_format_of_another_package_is_read_by_its_suffix_or_name(tmp_path, cap
     assert events["t"].tolist() == [0, 4] and events["x"].tolist() == [1, 3]
     named = open_recording(tmp_path / "a.bin", sensor=SENSOR, format="pairs")
     assert np.array_equal(join_events(list(named)), events)
-    main(["info", str(tmp_path / "a.pairs"), "--sensor", "24x20"])
-    assert "pairs (pairs of time and pixel)" in capsys.readouterr().out
+    shown = run("info", tmp_path / "a.pairs", "--sensor", "24x20").out
+    assert "pairs (pairs of time and pixel)" in shown
     (tmp_path / "short.pairs").write_bytes(rows.tobytes()[:-1])
     with pytest.raises(RecordingError, match="11 bytes too many or too few at its end"):
         list(open_recording(tmp_path / "short.pairs", sensor=SENSOR))
@@ -117,12 +116,12 @@ class open_sink:
 """
 
 
-def test_a_stream_is_recorded_into_a_format_of_another_package(drive, tmp_path, monkeypatch):
+def test_a_stream_is_recorded_into_a_format_of_another_package(drive, tmp_path, monkeypatch, run):
     install(tmp_path, monkeypatch, {"edge_vpr.formats": "tally = my_tally"}, my_tally=TALLY)
     sent = tmp_path / "sent.bin"
     sent.write_bytes(sent_by(drive, SENSOR))
     words = ["stream", "--port", sent, "--protocol", "evpr", "--sensor", "24x20"]
-    assert main([str(word) for word in (*words, "--record", tmp_path / "a.tally")]) == 0
+    run(*words, "--record", tmp_path / "a.tally")
     assert (tmp_path / "a.tally").read_text() == "20000 events"
 
 
@@ -166,15 +165,13 @@ def test_a_part_that_cannot_be_imported_is_named_and_breaks_nothing_else(
             use()
 
 
-def test_a_map_is_made_with_given_pixels_of_a_list_or_of_another_map(drive, tmp_path):
+def test_a_map_is_made_with_given_pixels_of_a_list_or_of_another_map(drive, tmp_path, run):
     write_recording(tmp_path / "a.npz", iter(drive), sensor=SENSOR)
     (tmp_path / "pixels.txt").write_text("x, y\n3, 4\n0, 0\n23, 19\n")
     made = []
     for pixels, name in (("pixels.txt", "one.npz"), ("one.npz", "two.npz")):
-        main(
-            ["map", str(tmp_path / "a.npz"), "-o", str(tmp_path / name),
-             "--pixel-map", str(tmp_path / pixels)]
-        )  # fmt: skip
+        words = ["map", tmp_path / "a.npz", "-o", tmp_path / name]
+        run(*words, "--pixel-map", tmp_path / pixels)
         made.append(ReferenceMap.load(tmp_path / name))
     expected = PixelMap(SENSOR, np.array([3, 0, 23]), np.array([4, 0, 19]))
     assert [each.pixel_map for each in made] == [expected, expected]

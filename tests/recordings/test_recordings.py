@@ -8,7 +8,6 @@ import os
 import subprocess
 import sys
 import zipfile
-from importlib import import_module
 from pathlib import Path
 
 import numpy as np
@@ -394,10 +393,3 @@ print(n, tracemalloc.get_traced_memory()[1])
         n, peak = (int(word) for word in out.split())
         assert n == 3_000_000
         assert peak < 8_000_000
-
-
-def test_what_a_format_names_to_read_and_to_write_it_exists():
-    for entry in FORMATS.values():
-        for name in filter(None, (entry.source, entry.sink)):
-            module, _, attribute = name.partition(":")
-            assert callable(getattr(import_module(module, "edge_vpr.recordings"), attribute))

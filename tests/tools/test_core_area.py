@@ -7,7 +7,6 @@ import shutil
 from dataclasses import replace
 
 import pytest
-from edge_vpr_tools.cli import main
 from edge_vpr_tools.estimate import core_area, targets
 from edge_vpr_tools.estimate.model import Mission, cost
 
@@ -76,19 +75,17 @@ def test_the_energy_of_a_cycle_is_that_of_the_clock_and_of_each_cell():
         assert joules == pytest.approx(cycles * picojoules * 1e-12)
 
 
-def test_the_answer_says_the_cells_and_that_there_are_too_few(tmp_path, capsys):
+def test_the_answer_says_the_cells_and_that_there_are_too_few(tmp_path, run):
     """Predicted; no other target has any."""
     wide = Design(
         width=346, height=260, pixels=512, places=100, lanes=256, code_bits=8, lookup_depth=2048
     )
     wide.save(tmp_path / "wide.toml")
-    words = ["estimate", "--design", str(tmp_path / "wide.toml"), "--target"]
-    assert main([*words, "ice40up5k", "--sources"]) == 0
-    told = " ".join(capsys.readouterr().out.split())
+    words = ["estimate", "--design", tmp_path / "wide.toml", "--target"]
+    told = " ".join(run(*words, "ice40up5k", "--sources").out.split())
     assert "5,280 logic cells" in told and "of 30 block memories" in told
     assert f"are predicted from {len(core_area.FITTED_ON)} netlists of the hardware core" in told
-    assert main([*words, "cortex-m4"]) == 0
-    assert "logic cells" not in capsys.readouterr().out
+    assert "logic cells" not in run(*words, "cortex-m4").out
 
 
 @pytest.mark.slow

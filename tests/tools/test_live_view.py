@@ -11,7 +11,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from edge_vpr_tools.cli import main
 from edge_vpr_tools.live_view import View
 
 from edge_vpr.events import Sensor
@@ -150,15 +149,14 @@ def test_a_terminal_that_is_closed_ends_a_run_with_its_files_whole(map_file, tmp
     assert json.loads(log.read_text().splitlines()[-1])["kind"] == "summary"
 
 
-def test_what_a_device_is_called_reaches_no_terminal_raw(capsys, monkeypatch):
+def test_what_a_device_is_called_reaches_no_terminal_raw(run, capsys, monkeypatch):
     from serial.tools import list_ports
     from serial.tools.list_ports_common import ListPortInfo
 
     port = ListPortInfo("/dev/tty\x1b[31mX")
     port.description = EVIL + "y" * 1_000
     monkeypatch.setattr(list_ports, "comports", lambda: [port])
-    assert main(["ports"]) == 0
-    out = capsys.readouterr().out
+    out = run("ports").out
     assert "\\x1b[2J\\x1b]0;mine\\x07[red]\\u202ename" in out
     assert out.rstrip("\n").isprintable()
     assert len(out) < 300
