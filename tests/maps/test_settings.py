@@ -30,12 +30,8 @@ def test_flags_lie_over_the_file_and_the_file_over_the_preset(tmp_path):
 
 
 def test_the_presets_are_the_paper_its_code_and_a_small_one():
-    assert {name: preset.pixels for name, preset in PRESETS.items()} == {
-        "default": 150,
-        "paper": 150,
-        "seed-code": 100,
-        "tiny": 25,
-    }
+    pixels = {name: preset.pixels for name, preset in PRESETS.items()}
+    assert pixels == {"default": 150, "paper": 150, "seed-code": 100, "tiny": 25}
     assert PRESETS["seed-code"].clip == 10
 
 

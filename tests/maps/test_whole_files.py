@@ -35,6 +35,11 @@ from firmware_model.errors import DesignError, VectorError
 from firmware_model.vectors.verify import read_results
 
 SENSOR = Sensor(32, 32)
+NEW = {"file": replacing, "folder": replacing_folder}
+
+
+def full(*_, **named):
+    raise OSError(errno.ENOSPC, "No space left on device")
 
 
 def write(path, text):
@@ -170,22 +175,16 @@ def test_a_folder_is_replaced_whole(tmp_path):
         assert [path.name for path in tmp_path.iterdir()] == ["results"]
 
 
-@pytest.mark.parametrize("write", [replacing, replacing_folder])
-def test_a_full_disk_is_an_error_that_names_what_was_written(tmp_path, write):
-    def full():
-        with write(tmp_path / "result"):
-            raise OSError(errno.ENOSPC, "No space left on device")
-
-    with pytest.raises(OSError, match=r"No space left on device: '.*/result'"):
+@pytest.mark.parametrize("kind", NEW)
+def test_a_full_disk_is_an_error_that_names_what_was_written(tmp_path, kind):
+    says = r"No space left on device: '.*/result'"
+    with pytest.raises(OSError, match=says), NEW[kind](tmp_path / "result"):
         full()
     assert not list(tmp_path.iterdir())
 
 
 @pytest.mark.parametrize("inner", ["write_text", "replacing", "by a library"])
 def test_no_error_names_the_hidden_folder(tmp_path, monkeypatch, inner):
-    def full(*_, **named):
-        raise OSError(errno.ENOSPC, "No space left on device")
-
     def fails():
         with replacing_folder(tmp_path / "result") as folder:
             if inner == "by a library":
@@ -205,14 +204,9 @@ def test_no_error_names_the_hidden_folder(tmp_path, monkeypatch, inner):
 def test_an_error_in_the_block_leaves_what_was_there(tmp_path, kind):
     path = tmp_path / "results"
     (write if kind == "file" else write_folder)(path, "old")
-
-    def fails():
-        with (replacing if kind == "file" else replacing_folder)(path) as made:
-            (made if kind == "file" else made / "half").write_text("half")
-            raise KeyboardInterrupt
-
-    with pytest.raises(KeyboardInterrupt):
-        fails()
+    with pytest.raises(KeyboardInterrupt), NEW[kind](path) as made:
+        (made if kind == "file" else made / "half").write_text("half")
+        raise KeyboardInterrupt
     assert (path.read_text() if kind == "file" else read_folder(path)) == "old"
     assert len(list(tmp_path.iterdir())) == 1
 
@@ -412,11 +406,10 @@ def test_of_two_runs_at_once_that_replace_nothing_the_first_to_end_wins(
 
     if not links:
         monkeypatch.setattr(os, "link", unsupported)
-    new = {"file": replacing, "folder": replacing_folder}[kind]
     path = tmp_path / "a"
 
     def run(text, inner=None):
-        with new(path, overwrite=False) as made:
+        with NEW[kind](path, overwrite=False) as made:
             if inner is not None:
                 run(inner)
             (made / "inner" if kind == "folder" else made).write_text(text)

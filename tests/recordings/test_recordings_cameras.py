@@ -17,7 +17,7 @@ from edge_vpr.errors import MissingExtraError, RecordingError, UsageError
 from edge_vpr.events import Sensor, join_events, make_events
 from edge_vpr.recordings import open_recording, write_recording
 from tests.recordings import recording_files as files
-from tests.streams import absolute
+from tests.streams import absolute, random_events
 
 SENSOR = Sensor(640, 480)
 
@@ -303,14 +303,7 @@ def test_dat_and_event_stream_are_converted_by_the_line_of_the_page(name, tmp_pa
 
 def test_what_we_write_other_readers_read(tmp_path):
     expelliarmus = pytest.importorskip("expelliarmus")
-    rng = np.random.default_rng(0)
-    n = 3000
-    events = make_events(
-        np.sort(rng.integers(0, 10**7, n)),
-        rng.integers(0, 640, n),
-        rng.integers(0, 480, n),
-        rng.integers(0, 2, n),
-    )
+    events = random_events(np.random.default_rng(0), 3_000, SENSOR, 10**7)
     write_recording(tmp_path / "a.raw", events, sensor=SENSOR)
     other = expelliarmus.Wizard(encoding="evt2").read(str(tmp_path / "a.raw"))
     assert np.array_equal(make_events(other["t"], other["x"], other["y"], other["p"]), events)

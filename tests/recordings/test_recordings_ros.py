@@ -321,9 +321,7 @@ def test_a_real_bag_of_libcaer_is_read_beyond_the_wrap_of_its_31_bits(shared_dat
 #: Definitions of events, and of what stands before them in a message.
 EVENT_FORMS = {
     "dv_ros_msgs": "uint16 x\nuint16 y\ntime ts\nbool polarity",
-    "other order": "bool p\nbuiltin_interfaces/Time stamp_is_t\nuint16 y\nuint16 x".replace(
-        "stamp_is_t", "timestamp"
-    ),
+    "other order": "bool p\nbuiltin_interfaces/Time timestamp\nuint16 y\nuint16 x",
     "microseconds": "uint32 x\nuint32 y\nint8 p\nint64 t_us",
     "nanoseconds": "uint64 time_ns\nuint16 x\nuint16 y\nuint8 pol",
     "seconds": "int16 x\nuint8 reserved\nint16 y\nfloat64 t\nbool on",
