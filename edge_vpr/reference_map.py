@@ -66,11 +66,6 @@ KIND = "reference map"
 _OPTIONAL = ("mean", "limits", "odometer_mm", "learnt_mean", "drives")
 
 
-def size_text(bytes_per_window: int, window_us: int) -> str:
-    """Return the size of a route as text, in the one unit that all messages have."""
-    return f"{bytes_per_window * 1e6 / window_us:,.0f} bytes per second of the route, packed"
-
-
 @dataclass(frozen=True, eq=False)
 class ReferenceMap(EqualByValue):
     """Map of a reference drive, which queries are matched against.
@@ -538,16 +533,6 @@ class ReferenceMap(EqualByValue):
         return 8 * self.places.counts.itemsize if most is None else most.bit_length()
 
     @property
-    def places_text(self) -> str:
-        """Number of places for messages, and where they are if not at whole windows."""
-        return f"{len(self):,} places" + " (at half windows)" * (self.settings.window_parts == 2)
-
-    @property
-    def bytes_text(self) -> str:
-        """Size of a second of the route for messages, packed as in the FPGA core."""
-        return size_text(self.packed_bytes_per_window, self.windows.window_us)
-
-    @property
     def packed_bytes_per_place(self) -> int:
         """Size of a place in bytes: codes packed without gaps, and the filter's activity."""
         codes = packed_bytes(self.places.counts.shape[1], self.counter_bits)
@@ -660,11 +645,12 @@ class MapInfo:
         positions = "none"
         if self.route_m is not None:
             positions = f"{self.places_with_position:,} places, along {self.route_m:,.0f} m"
+        of_a_second = self.packed_bytes_per_place * self.window_parts * 1e6 / self.window_us
         return {
             "sensor": self.sensor,
             "places": f"{self.places:,}",
             "pixels": f"{self.pixels:,}, {self.counter_bits} bits each",
-            "size": size_text(self.packed_bytes_per_place * self.window_parts, self.window_us),
+            "size": f"{of_a_second:,.0f} bytes per second of the route, packed",
             "duration": f"{self.duration_us / 1e6:.6f} s, windows of {self.window_us / 1e6:g} s",
             "positions": positions,
             "matching": str(self.settings["matching"]),

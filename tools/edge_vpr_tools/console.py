@@ -172,6 +172,12 @@ def number_of(count: int, word: str) -> str:
     return f"{count:,} {word}{plural * (count != 1)}"
 
 
+def places_text(reference: ReferenceMap) -> str:
+    """Return the number of places of a map, and where they are if not at whole windows."""
+    half = " (at half windows)" * (reference.settings.window_parts == 2)
+    return f"{len(reference):,} places{half}"
+
+
 #: With fewer places, hardly any lies outside the exclusion zone of a wrong match, so that its trust
 #: is high: of a map of 18 places, fewer than half of the matches accepted at 0.99 were correct.
 _FEW_PLACES = 50

@@ -13,6 +13,7 @@ from edge_vpr.errors import EdgeVprWarning, UsageError
 from edge_vpr_tools.console import (
     detail_settings,
     number_of,
+    places_text,
     print_facts,
     summary,
     warn_of_few_places,
@@ -164,15 +165,16 @@ def run(args: argparse.Namespace) -> None:
     left_out = removed_record(removed, hot_pixels)
     record = run_record(reference.settings.to_dict(), inputs, left_out)
     write_json(run_file, record)
+    info = reference.info()
     if args.json:
-        held = {"path": str(output), "format": "map", **asdict(reference.info())}
+        held = {"path": str(output), "format": "map", **asdict(info)}
         held["facts"] = facts(drives)
         print(json_text({**held, **to_json(record)}))
 
     places = reference.places
     summary(
-        f"{output}: {reference.places_text} at {len(reference.pixel_map)} pixels of "
-        f"{reference.pixel_map.sensor}, {reference.bytes_text}, "
+        f"{output}: {places_text(reference)} at {len(reference.pixel_map)} pixels of "
+        f"{reference.pixel_map.sensor}, {info.lines['size']}, "
         f"{reference.packed_bytes_per_place * len(places) / 1e3:.1f} kB in all"
     )
     if seconds is not None:
@@ -186,7 +188,6 @@ def run(args: argparse.Namespace) -> None:
         lines["window"] = _of_a_window(reference)
     print_facts(lines)
     if reference.route is not None:
-        info = reference.info()
         summary(
             f"{info.places_with_position} of {info.places} places have positions, along "
             f"{info.route_m:,.0f} m"

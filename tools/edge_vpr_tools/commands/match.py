@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 from edge_vpr.errors import MapError, UsageError
 from edge_vpr_tools.console import (
     detail_settings,
+    places_text,
     print_facts,
     summary,
     warn_of_few_places,
@@ -161,7 +162,7 @@ def run(args: argparse.Namespace) -> None:
         _export_tracks(args.export, result.reference, matches, recording)
         return
     assert queries is not None and metrics is not None
-    summary(f"{reference.places_text}, {reference.bytes_text}{removed}{faults}")
+    summary(f"{places_text(reference)}, {reference.info().lines['size']}{removed}{faults}")
     _export_tracks(args.export, result.reference, matches, recording)
     if matrix is not None:
         with_flags = result.reference.matched_with(matches.settings)

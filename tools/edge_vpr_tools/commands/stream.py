@@ -13,6 +13,7 @@ from edge_vpr.errors import RecordingError, UsageError, printable
 from edge_vpr.settings import duration_us
 from edge_vpr_tools.console import (
     error_line,
+    places_text,
     stopped_by_signals,
     summary,
 )
@@ -220,7 +221,7 @@ def run(args: argparse.Namespace) -> None:
     if files.learnt is not None:
         learnt, update = files.learnt, files.update
         pixels = len(learnt.pixel_map)
-        text = f"{printable(args.output)}: {learnt.places_text} at {pixels} pixels"
+        text = f"{printable(args.output)}: {places_text(learnt)} at {pixels} pixels"
         summary(text if update is None else f"{text}; {update}")
 
 

@@ -17,6 +17,7 @@ from edge_vpr.matching.matches import Matches
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.results import REPORT, RunRecord
 from edge_vpr.route import Route
+from edge_vpr_tools.console import places_text
 from edge_vpr_tools.report.figures import (
     RouteView,
     Window,
@@ -134,9 +135,9 @@ def _described(reference: ReferenceMap, matches: Matches) -> str:
     if matches.settings.matching != "filter":
         by = f"by sequences of {matches.settings.sequence_length} windows"
     return (
-        f"{len(matches):,} matches with {reference.places_text} {by}, at "
+        f"{len(matches):,} matches with {places_text(reference)} {by}, at "
         f"{len(reference.pixel_map)} of {reference.pixel_map.sensor.pixels:,} pixels; "
-        f"{reference.bytes_text}."
+        f"{reference.info().lines['size']}."
     )
 
 
