@@ -21,7 +21,6 @@ from edge_vpr.descriptors.codes import counted_events, drive_mean, limits_of, sa
 from edge_vpr.descriptors.counting import (
     AnyRecording,
     DescriptorStream,
-    EventSource,
     Removed,
     WindowSource,
     check_counted,
@@ -58,6 +57,7 @@ from edge_vpr.learning import MapUpdate, learn_drive
 from edge_vpr.odometry import Odometry
 from edge_vpr.recordings import open_recording
 from edge_vpr.recordings.memory import column_names
+from edge_vpr.recordings.reading import EventSource
 from edge_vpr.reference_map import KIND, ReferenceMap
 from edge_vpr.settings import Preset, Settings, resolve_settings
 
@@ -93,8 +93,8 @@ def build(
     removed = Removed() if removed is None else removed
     made = replace(
         map_traverse(drive, chosen, pixel_map=pixel_map, hot=hot, removed=removed),
-        frame_period=getattr(drive, "frame_period", None),
-        start_us=getattr(drive, "cropped_us", 0),
+        frame_period=drive.frame_period,
+        start_us=drive.cropped_us,
         clock_us=unix_start(drive),
     )
     check_matchable(made)
@@ -106,7 +106,7 @@ def build(
             stacklevel=3,
         )
     if track is not None:
-        clock_us = getattr(drive, "start_us", made.start_us) - made.start_us
+        clock_us = drive.start_us - drive.cropped_us
         made = with_positions(made, track, clock_us)
     if odometry is not None:
         made = replace(made, odometer_mm=of_part(drive, odometry).along(made.places.centre_us))
@@ -272,7 +272,7 @@ def map_traverse(
     parts = 1 if needs_events else settings.window_parts
     with PixelStatistics(sensor, clip=settings.clip, parts=parts) as first:
         _scan(recording, settings, first, parts, removed)
-        counted = getattr(recording, "counted", None)
+        counted = recording.counted
         if counted is None:
             counted = np.ones((sensor.height, sensor.width), dtype=np.bool_)
         if hot is None:
@@ -450,7 +450,7 @@ def with_places(settings: Settings, recording: EventSource | WindowSource | None
 
     None stands for a recording of single events.
     """
-    period = getattr(recording, "frame_period", None)
+    period = None if recording is None else recording.frame_period
     two = (
         settings.matching == "filter"
         and settings.window == "time"
@@ -489,9 +489,9 @@ def odometry_of(odometry: Odometry | TableData | str | Path | None) -> Odometry 
 _Timed = TypeVar("_Timed", bound=Track | Odometry | None)
 
 
-def of_part(drive: object, readings: _Timed) -> _Timed:
+def of_part(drive: EventSource | WindowSource, readings: _Timed) -> _Timed:
     """Return readings whose times count from where the part of a recording begins."""
-    start_us = getattr(drive, "cropped_us", 0)
+    start_us = drive.cropped_us
     if readings is None or not start_us:
         return readings
     moved: Any = (
@@ -502,9 +502,9 @@ def of_part(drive: object, readings: _Timed) -> _Timed:
     return moved
 
 
-def unix_start(drive: object) -> int:
+def unix_start(drive: EventSource | WindowSource) -> int:
     """Return where a whole recording begins on its clock, if that counts from 1970; else 0."""
-    start_us = int(getattr(drive, "start_us", 0)) - int(getattr(drive, "cropped_us", 0))
+    start_us = drive.start_us - drive.cropped_us
     return start_us if start_us >= UNIX_US else 0
 
 

@@ -18,12 +18,10 @@ from edge_vpr.confidence import OFF_MAP_MISFIT
 from edge_vpr.descriptors.counting import (
     AnyRecording,
     DescriptorStream,
-    EventSource,
     Removed,
     WindowSource,
     check_sensor,
     cleaned,
-    end_of,
     opened,
     window_of,
 )
@@ -52,6 +50,7 @@ from edge_vpr.online.odometry_feed import OdometryFeed
 from edge_vpr.online.schedule import MatchSchedule
 from edge_vpr.recordings import Faults, Recording
 from edge_vpr.recordings.memory import FORMAT as MEMORY
+from edge_vpr.recordings.reading import EventSource
 from edge_vpr.reference_map import ReferenceMap, check_causal
 from edge_vpr.results import (
     MAP,
@@ -107,10 +106,9 @@ def match(
     else:
         result = _match_events(matched.causal(), drive, every, odometry)
     # the map as it was passed: settings of one run are no part of it
-    start_us = getattr(drive, "cropped_us", 0)
     windows = None if result.windows is None else reference.coded(result.windows)
     return replace(
-        result, reference=reference, inputs=inputs, start_us=start_us,
+        result, reference=reference, inputs=inputs, start_us=drive.cropped_us,
         clock_us=unix_start(drive), windows=windows,
     )  # fmt: skip
 
@@ -138,7 +136,7 @@ def _match_windows(
         counting_s=counting_s,
         matching_s=matching_s,
         tied_queries=int((matches.ties > 0).sum()),
-        faults_dropped=getattr(drive, "faults", Faults()),
+        faults_dropped=drive.faults,
     )
     return MatchResult(reference, matches, queries, metrics, removed)
 
@@ -168,7 +166,7 @@ def _match_events(
                 windows += stream.windows(events)
             except UsageError:  # more than are kept, which matching does not need
                 stream, windows = None, []
-    end_us = end_of(drive)
+    end_us = drive.end_us
     start = working_s()
     parts += fed.finish(end_us)
     busy_s += working_s() - start
@@ -187,7 +185,7 @@ def _match_events(
         every=every if isinstance(every, str) else repr(every),
         localising_s=busy_s,
         times_real_time=float(rows["time_us"][-1] / 1e6) / busy_s,
-        faults_dropped=getattr(drive, "faults", Faults()),
+        faults_dropped=drive.faults,
     )
     matches = Matches.of_rows(rows, reference.settings, len(reference))
     counted = collect(windows, len(reference.pixel_map))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
+from fractions import Fraction
 from pathlib import Path
 from typing import Any, Protocol, TypeAlias, runtime_checkable
 
@@ -33,12 +34,17 @@ from edge_vpr.events import (
     as_events,
     check_after,
     check_events,
-    in_order,
     make_events,
 )
 from edge_vpr.recordings import EventData, open_recording
 from edge_vpr.recordings.memory import is_event_data
-from edge_vpr.recordings.reading import NO_CAMERA, Camera
+from edge_vpr.recordings.reading import (
+    NO_CAMERA,
+    Camera,
+    EventSource,
+    Faults,
+    ForeignRecording,
+)
 from edge_vpr.settings import Settings
 
 # Kernels that count events at selected pixels.
@@ -457,22 +463,17 @@ class CountPixels:
 # Inputs of mapping and matching: a recording of events, or counts of finished windows.
 
 
-class EventSource(Protocol):
-    """Interface of a recording: its sensor, and any number of passes over its events."""
-
-    @property
-    def sensor(self) -> Sensor:
-        """Size of the sensor."""
-        ...
-
-    def __iter__(self) -> Iterator[Events]:
-        """Yield events from the start, in time order, on the sensor; they are checked."""
-        ...
-
-
 @runtime_checkable
 class WindowSource(Protocol):
-    """Interface of counts that were published as finished windows, without events."""
+    """Interface of counts that were published as finished windows, without events.
+
+    `start_us`, `cropped_us`, `frame_period` and `faults` are those of an `EventSource`.
+    """
+
+    start_us: int
+    cropped_us: int
+    frame_period: Fraction | None
+    faults: Faults
 
     @property
     def sensor(self) -> Sensor:
@@ -494,8 +495,21 @@ class WindowSource(Protocol):
         ...
 
 
+class HasSensor(Protocol):
+    """Any object with a sensor that yields events in time order; they are checked."""
+
+    @property
+    def sensor(self) -> Sensor:
+        """Size of the sensor."""
+        ...
+
+    def __iter__(self) -> Iterator[Events]:
+        """Yield events from the start."""
+        ...
+
+
 #: A recording as callers hold it.
-AnyRecording: TypeAlias = EventSource | WindowSource | EventData | str | Path
+AnyRecording: TypeAlias = EventSource | WindowSource | EventData | HasSensor | str | Path
 
 
 def opened(
@@ -521,13 +535,13 @@ def opened(
     drive: Any = recording  # the tests below are not those of its type
     if isinstance(drive, str | Path) or is_event_data(drive):
         return open_recording(drive, sensor=sensor, default=default)
-    if not isinstance(drive, WindowSource) and not (
-        hasattr(drive, "sensor") and hasattr(drive, "__iter__")
-    ):
-        raise UsageError(
-            f"the recording is {kind_of(recording)}: give a path, events, what open_recording "
-            "returns, or an object with a sensor that yields arrays of events"
-        )
+    if not isinstance(drive, EventSource | WindowSource):
+        if not (hasattr(drive, "sensor") and hasattr(drive, "__iter__")):
+            raise UsageError(
+                f"the recording is {kind_of(recording)}: give a path, events, what open_recording "
+                "returns, or an object with a sensor that yields arrays of events"
+            )
+        drive = ForeignRecording(drive)
     if sensor is not None and Sensor.of(sensor) != drive.sensor:
         raise UsageError(
             f"the recording is of a {drive.sensor} sensor, and sensor {Sensor.of(sensor)} was "
@@ -607,9 +621,7 @@ def cleaned(
     removed = Removed() if removed is None else removed
     removed.events = removed.burst_events = 0
     bursts = BurstFilter(recording.sensor) if settings.remove_bursts else None
-    # a recording that counts its faults has checked its events
-    checked = hasattr(recording, "faults")
-    for events in recording if checked else in_order(recording, recording.sensor):
+    for events in recording:
         removed.events += int(events.size)
         if bursts is None:
             yield events
@@ -633,18 +645,8 @@ def event_windows(
     """
     for events in cleaned(recording, settings, removed):
         yield from stream.windows(events)
-    end_us = end_of(recording)
-    if end_us is not None:
-        yield from stream.advance(end_us)
-
-
-def end_of(recording: EventSource) -> int | None:
-    """Return where a recording ends, after a pass over it; None if its last event alone is known.
-
-    Only some recordings know it: see `Recording.end_us`.
-    """
-    end_us: int | None = getattr(recording, "end_us", None)
-    return end_us
+    if recording.end_us is not None:
+        yield from stream.advance(recording.end_us)
 
 
 # The windows of a drive, counted.

@@ -27,7 +27,7 @@ from edge_vpr.errors import (
     UsageError,
     printable,
 )
-from edge_vpr.events import LONGEST_SIDE, NO_EVENTS, TIME_LIMIT_US, Events, Sensor
+from edge_vpr.events import LONGEST_SIDE, NO_EVENTS, TIME_LIMIT_US, Events, Sensor, in_order
 
 # What a reader yields.
 
@@ -122,12 +122,13 @@ class Source(ABC):
         has come so far. Windows that end by then are complete.
     position : float or None
         Share of the file that has been read, 0 to 1; None if it is not known.
-    counted : ndarray of bool, shape (height, width), or None
-        Pixels that the file counts, if it names some alone.
+    frame_period, counted
+        See `EventSource`.
     """
 
     start_us: int | None = None
     end_us: int | None = None
+    frame_period: Fraction | None = None
     counted: npt.NDArray[np.bool_] | None = None
     relative: bool = False
     position: float | None = 0.0
@@ -519,11 +520,60 @@ def cropped_events(chunks: Iterator[Events], start_us: int, end_us: int | None) 
 # A recording: an iterable of checked event arrays, for any number of passes.
 
 
+class EventSource:
+    """A recording: its sensor, any number of passes over its events, and what it knows of them.
+
+    Attributes
+    ----------
+    sensor : Sensor
+        Size of the camera in pixels.
+    start_us : int
+        Time t = 0 on the file's own clock, in microseconds: since the Unix epoch if the file has
+        wall-clock time (ROS, AEDAT4), else on the camera's clock.
+    cropped_us : int
+        Microseconds from the recording's start to time 0, which is that of the part read.
+    end_us : int or None
+        Where the recording is known to end, after a pass over all of it: count frames end with
+        their last frame, and a part of a recording where it was cut. None if only its last event is
+        known.
+    frame_period : Fraction or None
+        Seconds per frame of counts, as the file states or as given; None if the file holds events.
+    counted : ndarray of bool, shape (height, width), or None
+        Pixels that the file counts, if it names some alone.
+    faults : Faults
+        Entries that the newest pass has dropped so far.
+    """
+
+    start_us: int = 0
+    cropped_us: int = 0
+    end_us: int | None = None
+    frame_period: Fraction | None = None
+    counted: npt.NDArray[np.bool_] | None = None
+
+    def __init__(self, sensor: Sensor) -> None:
+        self.sensor, self.faults = sensor, Faults()
+
+    def __iter__(self) -> Iterator[Events]:
+        """Yield events from the start: never empty, in time order, on the sensor."""
+        raise NotImplementedError
+
+
+class ForeignRecording(EventSource):
+    """A recording of another package, whose events are checked: any object with a sensor."""
+
+    def __init__(self, recording: Any) -> None:
+        super().__init__(recording.sensor)
+        self._recording = recording
+
+    def __iter__(self) -> Iterator[Events]:
+        return in_order(self._recording, self.sensor)
+
+
 class SensorNotStated(UsageError):  # noqa: N818, what is not there is no error of the file
     """The file does not state its sensor, and nobody named it."""
 
 
-class Recording:
+class Recording(EventSource):
     r"""Iterable of events, chunk by chunk: never empty, in time order, inside the sensor.
 
     >>> import tempfile, edge_vpr
@@ -541,23 +591,12 @@ class Recording:
     ----------
     format : str
         Short name, as in :data:`edge_vpr.recordings.FORMATS`.
-    start_us : int
-        Time t = 0 on the file's own clock, in microseconds: since the Unix epoch if the file has
-        wall-clock time (ROS, AEDAT4), else on the camera's clock.
-    faults : Faults
-        Entries that the newest pass has dropped so far.
     without_polarity : bool
         Whether this is a table without a column of the polarity, so that all events are ON.
-    frame_period : Fraction or None
-        Seconds per frame of counts, as the file states or as given; None if the file holds events.
-    counted : ndarray of bool, shape (height, width), or None
-        Pixels that the file counts, if it names some alone.
-    watch : callable, optional
+    watch : callable
         Takes the events of each pass and yields them, for example to show how far it is.
-    end_us : int or None
-        Where the recording is known to end, after a pass over all of it: count frames end with
-        their last frame, and a part of a recording where it was cut. None if only its last event is
-        known.
+
+    See `EventSource` for the others.
     """
 
     def __init__(self, source: Source, on_fault: str) -> None:
@@ -568,14 +607,11 @@ class Recording:
             )
         self.path: Path = source.path
         self.format = source.options.format
-        self.sensor: Sensor = source.sensor
-        self.counted = source.counted
-        self.faults = Faults()
+        super().__init__(source.sensor)
+        self.counted, self.frame_period = source.counted, source.frame_period
         self._source = source
         self._on_fault = on_fault
         self.watch: Callable[[Iterator[Events]], Iterator[Events]] = iter
-        self.end_us: int | None = None
-        self.frame_period: Fraction | None = getattr(source, "frame_period", None)
         self._span: tuple[int, int | None] = (0, None)
         begun = self._begin()
         #: The first pass, until it is asked for; parts of this recording share it.
@@ -588,11 +624,6 @@ class Recording:
     def position(self) -> float | None:
         """Share of the file that the newest pass has read, 0 to 1; None if it is not known."""
         return self._source.position
-
-    @property
-    def cropped_us(self) -> int:
-        """Microseconds from the recording's start to time 0, which is that of the part read."""
-        return self._span[0]
 
     def __iter__(self) -> Iterator[Events]:
         if self._begun:
@@ -618,7 +649,7 @@ class Recording:
         part = copy.copy(self)
         first, last = self._span
         part._span = (first + start, last if end is None else min(first + end, last or first + end))
-        part.start_us = self.start_us + start
+        part.start_us, part.cropped_us = self.start_us + start, part._span[0]
         part.faults, part.end_us = Faults(), None
         return part
 

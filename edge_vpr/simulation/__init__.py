@@ -9,8 +9,8 @@ import numpy.typing as npt
 
 from edge_vpr.errors import UsageError
 from edge_vpr.evaluation.tracks import Track
-from edge_vpr.events import Events, Sensor
-from edge_vpr.recordings import Faults
+from edge_vpr.events import Events
+from edge_vpr.recordings.reading import EventSource
 from edge_vpr.simulation.drive import (
     QUERY,
     REFERENCE,
@@ -54,7 +54,7 @@ BLOCK = 64  # frames that are simulated together
 _PARKED = 41
 
 
-class SimulatedRecording:
+class SimulatedRecording(EventSource):
     """One drive through a world, seen by one camera.
 
     Iterating yields event arrays, again from the start each time. The events depend on the
@@ -87,7 +87,6 @@ class SimulatedRecording:
     """
 
     format = "simulated"
-    start_us = 0
 
     def __init__(
         self,
@@ -101,20 +100,15 @@ class SimulatedRecording:
     ) -> None:
         if seed < 0 or device < 0:
             raise UsageError(f"seed {min(seed, device)} is negative: name a seed of 0 or more")
+        super().__init__(camera.sensor)
         self.world, self.camera, self.drive = world, camera, drive
         self.seed, self.device = seed, device
         self._motion = drive_motion(drive, world.length_m, seed)
         self.track = Track(self._motion.time_us, self._motion.position_m[:, None])
         self.position = 0.0
-        self.faults = Faults()
         self._scene = scene
         self._view: View | None = None
         self._kept: list[Events] | None = None
-
-    @property
-    def sensor(self) -> Sensor:
-        """Size of the camera in pixels."""
-        return self.camera.sensor
 
     @property
     def duration_us(self) -> int:

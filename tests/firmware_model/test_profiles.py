@@ -16,6 +16,7 @@ import numpy as np
 import pytest
 from edge_vpr_tools.estimate.of_map import design_of, memories_of
 
+from edge_vpr.descriptors.counting import opened
 from edge_vpr.events import Events, Sensor
 from edge_vpr.map_making import describe_query
 from edge_vpr.matching.drive import match_descriptors
@@ -85,7 +86,7 @@ def driven(request) -> Driven:
 
 def test_recorded_matches_are_those_of_the_specification(driven):
     """By Numba, all windows at once."""
-    queries = describe_query(driven.reference, Drive(driven.events, SENSOR))
+    queries = describe_query(driven.reference, opened(Drive(driven.events, SENSOR)))
     matches = match_descriptors(driven.reference.places, queries, driven.reference.settings)
     length = driven.reference.settings.windows_per_match
     shift = length - 1 - length // 2  # from the middle window of a sequence to the newest

@@ -10,6 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numba import config
 
+from edge_vpr.descriptors.counting import opened
 from edge_vpr.errors import UsageError
 from edge_vpr.events import join_events, make_events
 from edge_vpr.map_making import describe_query
@@ -137,7 +138,7 @@ def test_at_window_ends_it_says_what_the_batch_says(with_odometry, seed, per_win
     events = make_events(
         times, rng.integers(0, SENSOR.width, 800), rng.integers(0, SENSOR.height, 800), [0] * 800
     )
-    queries = describe_query(reference, Drive(events, SENSOR))
+    queries = describe_query(reference, opened(Drive(events, SENSOR)))
     odometry = None
     if with_odometry:
         reference, odometry = with_ways(rng, reference), random_odometry(rng, int(times[-1]) + 1)

@@ -9,10 +9,11 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from edge_vpr.descriptors.counting import EventSource, check_sensor, cleaned
+from edge_vpr.descriptors.counting import check_sensor, cleaned
 from edge_vpr.errors import UsageError
 from edge_vpr.events import Events, join_events
 from edge_vpr.files import check_parent
+from edge_vpr.recordings.reading import EventSource
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr_tools.estimate.of_map import memories_of
 from edge_vpr_tools.estimate.search import Budget

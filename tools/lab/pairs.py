@@ -14,10 +14,8 @@ import numpy.typing as npt
 from edge_vpr.descriptors.cleaning import can_be_searched, find_hot_pixels
 from edge_vpr.descriptors.counting import (
     DescriptorStream,
-    EventSource,
     WindowSource,
     count_windows,
-    end_of,
     event_windows,
 )
 from edge_vpr.descriptors.pixels import PixelMap
@@ -26,12 +24,13 @@ from edge_vpr.errors import UsageError
 from edge_vpr.evaluation.ground_truth import GroundTruth, from_tracks
 from edge_vpr.evaluation.metrics import evaluate
 from edge_vpr.evaluation.tracks import Track
-from edge_vpr.events import Events, Sensor
+from edge_vpr.events import Events
 from edge_vpr.map_making import coded_map
 from edge_vpr.matching.drive import match_descriptors
 from edge_vpr.matching.matches import Matches
 from edge_vpr.matching.sequences import middle_window
 from edge_vpr.odometry import Odometry
+from edge_vpr.recordings.reading import EventSource
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.settings import PRESETS, Score, Settings
 from edge_vpr.simulation import SimulatedRecording
@@ -95,24 +94,18 @@ def inner_share(matches: Matches, truth: GroundTruth, longest: int) -> float:
 # Two drives as they were recorded or simulated.
 
 
-class Kept:
+class Kept(EventSource):
     """Recording whose events are held in memory from the first of many passes on."""
 
     def __init__(self, recording: EventSource) -> None:
-        self.sensor: Sensor = recording.sensor
-        self.end_us: int | None = None
+        super().__init__(recording.sensor)
         self._recording = recording
         self._chunks: list[Events] | None = None
-
-    @property
-    def faults(self) -> Any:
-        """Faults of the recording, whose events are checked then; else there is none."""
-        return self._recording.faults  # type: ignore[attr-defined]
 
     def __iter__(self) -> Iterator[Events]:
         if self._chunks is None:
             self._chunks = list(self._recording)
-            self.end_us = end_of(self._recording)
+            self.end_us, self.faults = self._recording.end_us, self._recording.faults
         return iter(self._chunks)
 
 

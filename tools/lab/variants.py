@@ -11,8 +11,9 @@ from typing import Any
 import numpy as np
 from edge_vpr_tools.sweep.trial import fastest
 
-from edge_vpr.descriptors.counting import EventSource, WindowSource
+from edge_vpr.descriptors.counting import WindowSource
 from edge_vpr.evaluation.metrics import evaluate
+from edge_vpr.recordings.reading import EventSource
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.settings import PRESETS, Settings
 from lab.baselines import map_all_pixels

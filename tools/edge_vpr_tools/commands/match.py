@@ -206,7 +206,6 @@ def _export_tracks(
     """Write the matched positions to files, and report how many points each has."""
     from edge_vpr.evaluation.match_tracks import save_match_track
 
-    start_us = getattr(recording, "start_us", None)
     for path in paths or ():
-        points = save_match_track(path, reference, matches, start_us=start_us)
+        points = save_match_track(path, reference, matches, start_us=recording.start_us)
         summary(f"{path}: a track of {points:,} of the {len(matches):,} matches")

@@ -17,7 +17,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 from PIL import Image
 
-from edge_vpr.descriptors.counting import EventSource, WindowSource
+from edge_vpr.descriptors.counting import WindowSource
 from edge_vpr.descriptors.windows import Descriptors
 from edge_vpr.errors import EdgeVprWarning, UsageError
 from edge_vpr.evaluation.ground_truth import TruePositions
@@ -28,6 +28,7 @@ from edge_vpr.matching.drive import query_distances
 from edge_vpr.matching.matches import Matches
 from edge_vpr.matching.sequences import middle_window
 from edge_vpr.odometry import Odometry
+from edge_vpr.recordings.reading import EventSource
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.route import Route
 from edge_vpr_tools.report.figures import Window, dot_sizes, draw_window, total_counts

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from edge_vpr.descriptors.counting import EventSource, WindowSource
+from edge_vpr.descriptors.counting import WindowSource
 from edge_vpr.descriptors.pixels import (
     PixelMap,
     PixelStatistics,
@@ -17,6 +17,7 @@ from edge_vpr.descriptors.windows import WindowCounts, narrow
 from edge_vpr.errors import UsageError
 from edge_vpr.events import Sensor
 from edge_vpr.map_making import map_traverse
+from edge_vpr.recordings.reading import EventSource
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.settings import PRESETS, Settings
 from lab.baselines.baseline import Described, Images, VectorBaseline

@@ -12,7 +12,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
 
-from edge_vpr.descriptors.counting import EventSource
+from edge_vpr.recordings.reading import EventSource
 from edge_vpr.simulation import REFERENCE, simulate_pair
 from lab.drives import event_drives
 from lab.loop import Draw, Drives, Experiment, Row

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from fractions import Fraction
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +18,7 @@ import numpy.typing as npt
 from edge_vpr.descriptors.windows import FixedTime, WindowCounts
 from edge_vpr.errors import UsageError
 from edge_vpr.events import Sensor
+from edge_vpr.recordings import Faults
 from lab.codes import TableCode
 from lab.drives import (
     INDOOR,
@@ -67,6 +69,9 @@ class CountedWindows:
         self.sensor = Sensor(images.shape[2], images.shape[1])
         self.window_us = window_us
         self.counted = np.ones(images.shape[1:], dtype=np.bool_)
+        self.start_us = self.cropped_us = 0
+        self.frame_period: Fraction | None = None
+        self.faults = Faults()
         self._images = images
 
     def windows(self) -> Iterator[WindowCounts]:

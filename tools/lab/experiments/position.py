@@ -18,9 +18,10 @@ import numpy as np
 import numpy.typing as npt
 from edge_vpr_tools.report.tables import TableView
 
-from edge_vpr.descriptors.counting import EventSource, WindowSource, cleaned
+from edge_vpr.descriptors.counting import WindowSource, cleaned
 from edge_vpr.evaluation.tracks import Track, distances, with_positions
 from edge_vpr.live.position import Locator, PathPosition
+from edge_vpr.recordings.reading import EventSource
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.simulation import simulate_pair
 from lab.drives import STREETS, second_drive

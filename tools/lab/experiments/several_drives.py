@@ -18,11 +18,12 @@ from typing import NamedTuple
 import numpy as np
 from edge_vpr_tools.report.tables import TableView
 
-from edge_vpr.descriptors.counting import EventSource, WindowSource, count_places
+from edge_vpr.descriptors.counting import WindowSource, count_places
 from edge_vpr.descriptors.published import PublishedWindows
 from edge_vpr.evaluation.track_files import load_track
 from edge_vpr.evaluation.tracks import Track, with_positions
 from edge_vpr.learning import learn_drive
+from edge_vpr.recordings.reading import EventSource
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.settings import PRESETS, Settings
 from edge_vpr.simulation import simulate_pair
