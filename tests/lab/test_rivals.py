@@ -24,7 +24,7 @@ from edge_vpr.descriptors.pixels import PixelMap
 from edge_vpr.descriptors.windows import Descriptors, activity_of_drive, place_activity
 from edge_vpr.errors import UsageError
 from edge_vpr.evaluation.ground_truth import Alignment, from_alignment
-from edge_vpr.events import Sensor, join_events
+from edge_vpr.events import Sensor
 from edge_vpr.matching.distances import ReferenceIndex
 from edge_vpr.matching.drive import match_by_filter
 from edge_vpr.matching.place_filter import PATIENCE, PATIENCE_SMOOTHED, PlaceFilter
@@ -34,7 +34,6 @@ from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.settings import PRESETS
 from edge_vpr.simulation import simulate_pair
 from tests.lab.test_network_baselines import onnx_model
-from tests.streams import Drive
 
 TAU = 1_000_000
 SETTINGS = PRESETS["paper"].replaced({"sequence_length": 2, "sigma": 2.0, "pixels": 150}, "test")
@@ -408,5 +407,3 @@ def test_a_kept_recording_has_the_faults_of_its_first_pass(tmp_path):
     kept = Kept(open_recording(tmp_path / "drive.csv", sensor=Sensor(2, 2), on_fault="drop"))
     assert [events["t"].tolist() for _ in range(2) for events in kept] == [[0, 2], [0, 2]]
     assert kept.faults.off_sensor == 1
-    # events of other sources are checked by each pass
-    assert not hasattr(Kept(Drive(join_events(list(kept)), Sensor(2, 2))), "faults")
