@@ -23,10 +23,7 @@ from tests.streams import as_tuples, cut_up, random_events, split_events
 SENSOR = Sensor(4, 3)
 
 
-@given(
-    seed=st.integers(0, 2**32),
-    shape=st.tuples(st.integers(1, 9), st.integers(1, 9)),
-)
+@given(seed=st.integers(0, 2**32), shape=st.tuples(st.integers(1, 9), st.integers(1, 9)))
 def test_hot_pixels_equal_the_oracle(seed, shape):
     rng = np.random.default_rng(seed)
     totals = rng.integers(0, 20, shape) * rng.choice([1, 1, 1, 40], shape)
@@ -87,10 +84,7 @@ def test_a_burst_goes_and_the_drive_around_it_stays():
     # most pixels within a millisecond, across the border of two slots
     burst = make_events(t=59_500 + 80 * np.arange(12), x=x, y=y)
     filter_ = BurstFilter(SENSOR)
-    parts = [
-        filter_.update(join_events([quiet[:2], burst, quiet[2:]])),
-        filter_.finish(),
-    ]
+    parts = [filter_.update(join_events([quiet[:2], burst, quiet[2:]])), filter_.finish()]
     assert join_events(parts)["t"].tolist() == [0, 50_000, 90_000]
     assert filter_.removed == 12
 

@@ -7,12 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from edge_vpr.descriptors.counting import (
-    _BLOCK,
-    count_events,
-    count_frame,
-    count_until,
-)
+from edge_vpr.descriptors.counting import _BLOCK, count_events, count_frame, count_until
 from edge_vpr.errors import EventError, UsageError
 from edge_vpr.events import Sensor, make_events
 from tests import naive

@@ -63,11 +63,7 @@ def test_the_table_of_logarithms_is_exact():
         assert (1 + count) ** 512 < 2 ** (2 * level + 1)
 
 
-@given(
-    seed=st.integers(0, 2**32),
-    counters=st.integers(1, 8),
-    bits=st.integers(1, 8),
-)
+@given(seed=st.integers(0, 2**32), counters=st.integers(1, 8), bits=st.integers(1, 8))
 def test_codes_equal_the_oracle(seed, counters, bits):
     rng = np.random.default_rng(seed)
     counts = rng.integers(0, rng.choice([3, 300, 5000]), (6, counters))
@@ -88,10 +84,7 @@ def test_contrast_codes_are_those_of_a_drive_at_any_speed():
     assert np.array_equal(codes[0], codes[1])
 
 
-@given(
-    levels=st.lists(st.integers(0, 4096), max_size=300),
-    mean=st.integers(0, 4096),
-)
+@given(levels=st.lists(st.integers(0, 4096), max_size=300), mean=st.integers(0, 4096))
 def test_the_running_mean_equals_the_oracle(levels, mean):
     running, means = RunningMean(np.array([mean])), []
     for level in levels:
@@ -141,11 +134,7 @@ def test_a_recorded_drive_is_coded_against_its_own_mean(seed, windows):
     assert np.array_equal(one_gain.counts, own.counts) and one_gain.summed is None
 
 
-@given(
-    seed=st.integers(0, 2**32),
-    windows=st.integers(1, 20),
-    cut=st.integers(0, 20),
-)
+@given(seed=st.integers(0, 2**32), windows=st.integers(1, 20), cut=st.integers(0, 20))
 def test_a_robot_codes_each_window_by_what_came_before_it(seed, windows, cut):
     rng = np.random.default_rng(seed)
     counts = rng.integers(0, 300, (windows, 3))

@@ -255,9 +255,7 @@ def tracks(kind: str):
     scale, origin = (1e-6, (-27.5, 152.9)) if kind == "geographic" else (1.0, (0.0, 0.0))
     return st.lists(step, min_size=2, max_size=8).map(
         lambda steps: Track(
-            np.arange(len(steps)) * 3 * SECOND,
-            np.cumsum(steps, axis=0) * scale + origin,
-            kind,
+            np.arange(len(steps)) * 3 * SECOND, np.cumsum(steps, axis=0) * scale + origin, kind
         )
     )
 

@@ -11,8 +11,7 @@ from firmware_model.verification.eva import SIZES, alarms
 
 pytestmark = [
     pytest.mark.skipif(
-        shutil.which("frama-c") is None,
-        reason="Frama-C is not installed: apt install frama-c-base",
+        shutil.which("frama-c") is None, reason="Frama-C is not installed: apt install frama-c-base"
     ),
     pytest.mark.slow,
 ]

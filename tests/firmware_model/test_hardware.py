@@ -584,10 +584,7 @@ def first_events(design, suite, name, number):
 
 @pytest.mark.slow
 @needs_iverilog
-@pytest.mark.parametrize(
-    ("suite", "name"),
-    [("corners", "tie_of_three"), ("random", "windows_0")],
-)
+@pytest.mark.parametrize(("suite", "name"), [("corners", "tie_of_three"), ("random", "windows_0")])
 def test_the_board_returns_matches_through_its_spi(tmp_path, suite, name):
     """Start time, mean activity, places and events as bytes in, status and matches out."""
     case = first_events(ADAPTIVE, suite, name, 150)

@@ -7,12 +7,7 @@ import sys
 
 import numpy as np
 import pytest
-from lab.baselines import (
-    baseline_names,
-    compare,
-    match_distances,
-    open_baseline,
-)
+from lab.baselines import baseline_names, compare, match_distances, open_baseline
 
 from edge_vpr.errors import MissingExtraError, UsageError
 from edge_vpr.matching.drive import match_descriptors

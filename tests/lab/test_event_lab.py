@@ -51,11 +51,7 @@ class Drive:
             file["events/t"] = (events["t"] + BEGIN_S * 1_000_000) * 1_000
 
     def get_dataset_info(self):
-        return {
-            "dataset_name": "imitated",
-            "sequence_name": self.name,
-            "hdf5_path": str(self.path),
-        }
+        return {"dataset_name": "imitated", "sequence_name": self.name, "hdf5_path": str(self.path)}
 
 
 @pytest.fixture(scope="module")

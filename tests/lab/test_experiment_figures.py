@@ -16,17 +16,8 @@ from edge_vpr_tools.report.tables import SEED
 from lab import drives, plots
 from lab import nulls as nulls_module
 from lab.__main__ import main
-from lab.experiments import (
-    EXPERIMENTS,
-    calibration,
-    places_per_window,
-    simulated,
-    speck_walks,
-)
-from lab.loop import (
-    DRIVES,
-    open_experiment,
-)
+from lab.experiments import EXPERIMENTS, calibration, places_per_window, simulated, speck_walks
+from lab.loop import DRIVES, open_experiment
 from lab.variants import Variant, variants_experiment
 
 from edge_vpr.confidence import DEFAULT_TABLES, LIVE, LIVE_ON_MAP, SMOOTHED, TABLES
@@ -85,9 +76,7 @@ def test_a_dot_is_the_mean_and_its_bar_the_spread():
     assert np.isnan(dots(lower)[0]).all() and dots(lower)[1] == [pytest.approx(0.4)]
 
 
-def test_the_null_baselines_of_the_default_follow_it_on_simulated_streets(
-    monkeypatch,
-):
+def test_the_null_baselines_of_the_default_follow_it_on_simulated_streets(monkeypatch):
     monkeypatch.setattr(drives, "simulate_pair", STREET)
     some = (Variant("few", FEW), Variant("every", FEW, all_pixels=True))
     declared = variants_experiment(simulated.EXPERIMENT.drives, some, "few", reads_data=False)

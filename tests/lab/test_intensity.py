@@ -7,14 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from lab.intensity import (
-    MEAN_GREY,
-    BagImages,
-    IntensityFrame,
-    exposed,
-    frames_at,
-    simulated_images,
-)
+from lab.intensity import MEAN_GREY, BagImages, IntensityFrame, exposed, frames_at, simulated_images
 
 from edge_vpr.errors import EdgeVprError, RecordingError, UsageError
 from edge_vpr.events import Sensor, join_events

@@ -7,13 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from lab.experiments.mount_shift import CountedWindows
-from lab.registration import (
-    SEQUENCE,
-    estimate_shift,
-    moved_map,
-    reach_of,
-    register,
-)
+from lab.registration import SEQUENCE, estimate_shift, moved_map, reach_of, register
 
 from edge_vpr.errors import UsageError
 from edge_vpr.events import Sensor

@@ -417,11 +417,7 @@ def rows(process):
 @pytest.mark.alone
 @pytest.mark.parametrize(
     ("protocol", "device", "clock_restarts"),
-    [
-        ("evpr", "evpr", False),
-        ("evpr", "evpr", True),
-        ("edvs", "edvs", False),
-    ],
+    [("evpr", "evpr", False), ("evpr", "evpr", True), ("edvs", "edvs", False)],
 )
 def test_a_service_that_is_killed_goes_on_when_it_is_started_again(
     protocol, device, clock_restarts, tmp_path

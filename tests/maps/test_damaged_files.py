@@ -24,11 +24,7 @@ from firmware_model.errors import DesignError
 from tests.maps import saved_files
 from tests.maps.saved_files import SENSOR, same_contents
 
-KINDS = {
-    "map": "reference map",
-    "matches": "set of matches",
-    "queries": "set of query descriptors",
-}
+KINDS = {"map": "reference map", "matches": "set of matches", "queries": "set of query descriptors"}
 
 
 @pytest.fixture(scope="module")

@@ -8,13 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from edge_vpr.errors import (
-    LONGEST_MESSAGE,
-    EdgeVprError,
-    MissingExtraError,
-    UsageError,
-    printable,
-)
+from edge_vpr.errors import LONGEST_MESSAGE, EdgeVprError, MissingExtraError, UsageError, printable
 
 
 @given(st.text() | st.binary().map(lambda raw: raw.decode("utf-8", errors="surrogateescape")))

@@ -14,11 +14,7 @@ from numba import njit
 
 from edge_vpr.errors import UsageError
 from edge_vpr.matching import distances as sad
-from edge_vpr.matching.distances import (
-    ReferenceIndex,
-    distance_matrix,
-    typical_distances,
-)
+from edge_vpr.matching.distances import ReferenceIndex, distance_matrix, typical_distances
 from edge_vpr.matching.search import best_matches
 from firmware_model import specification_drive
 from tests import naive

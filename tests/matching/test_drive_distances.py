@@ -23,10 +23,7 @@ SENSOR = Sensor(16, 12)
 
 
 @given(
-    seed=st.integers(0, 2**32),
-    places=st.integers(1, 12),
-    queries=st.integers(1, 9),
-    data=st.data(),
+    seed=st.integers(0, 2**32), places=st.integers(1, 12), queries=st.integers(1, 9), data=st.data()
 )
 def test_a_sequence_that_leaves_the_matrix_counts_what_is_inside(seed, places, queries, data):
     rng = np.random.default_rng(seed)

@@ -30,15 +30,7 @@ from fixedpoint.activity import SUMS
 from tests import naive
 from tests.filter_oracle import drive_of, events_that_count, row_of_match, running_codes
 from tests.online.test_localiser import PIXEL_MAP, PIXELS, SENSOR, feed_checked
-from tests.streams import (
-    Drive,
-    as_tuples,
-    cut_up,
-    map_of_counts,
-    random_events,
-    resumed,
-    with_sums,
-)
+from tests.streams import Drive, as_tuples, cut_up, map_of_counts, random_events, resumed, with_sums
 
 #: in plain Python, which takes a hundred times as long, the same properties with fewer draws
 EXAMPLES = 10 if config.DISABLE_JIT else 40
@@ -121,11 +113,7 @@ def test_every_match_equals_the_oracle_however_the_stream_is_cut(
 
 
 @pytest.mark.parametrize("with_odometry", [False, True])
-@given(
-    seed=st.integers(0, 2**32),
-    per_window=st.sampled_from([1, 2]),
-    pieces=st.integers(1, 5),
-)
+@given(seed=st.integers(0, 2**32), per_window=st.sampled_from([1, 2]), pieces=st.integers(1, 5))
 @settings(max_examples=EXAMPLES)
 def test_at_window_ends_it_says_what_the_batch_says(with_odometry, seed, per_window, pieces):
     rng = np.random.default_rng(seed)

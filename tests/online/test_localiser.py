@@ -274,11 +274,7 @@ def test_on_change_only_other_places_are_told():
 def test_a_saved_state_goes_on_bit_for_bit(seed, cut, window, code):
     rng = np.random.default_rng(seed)
     reference = map_of(
-        rng.integers(0, 6, (30, 5)),
-        window=window,
-        tau_us=200,
-        sequence_length=3,
-        **code,
+        rng.integers(0, 6, (30, 5)), window=window, tau_us=200, sequence_length=3, **code
     )
     events = random_events(rng, 300, SENSOR, 2_000)
     every = MatchSchedule(events=2, interval_us=70, change=True)

@@ -175,10 +175,7 @@ def test_a_silence_with_more_ticks_than_the_kernel_gives_at_once_has_them_all():
     assert (localiser.advance(last + 20)["place"] >= 0).all()
 
 
-@given(
-    seed=st.integers(0, 2**32),
-    bits=st.integers(1, 8),
-)
+@given(seed=st.integers(0, 2**32), bits=st.integers(1, 8))
 @settings(max_examples=20)
 def test_codes_are_written_in_place_as_windows_are_coded(seed, bits):
     code, rng = ContrastCode(bits), np.random.default_rng(seed)

@@ -166,10 +166,7 @@ def with_zig(header: Path, folder: Path) -> list[list[str]]:
 
 def with_cmake(header: Path, folder: Path) -> list[list[str]]:
     words = [f"-DMAP={header}", "--toolchain", "arm-none-eabi.cmake"]
-    return [
-        ["cmake", "-S", str(M4), "-B", str(folder), *words],
-        ["cmake", "--build", str(folder)],
-    ]
+    return [["cmake", "-S", str(M4), "-B", str(folder), *words], ["cmake", "--build", str(folder)]]
 
 
 @pytest.mark.parametrize("build", [with_gcc, with_zig, with_cmake])

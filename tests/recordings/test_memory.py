@@ -8,12 +8,7 @@ import numpy as np
 import pytest
 
 from edge_vpr import ReferenceMap, open_recording, write_recording
-from edge_vpr.errors import (
-    EdgeVprError,
-    EventError,
-    RecordingError,
-    UsageError,
-)
+from edge_vpr.errors import EdgeVprError, EventError, RecordingError, UsageError
 from edge_vpr.events import EVENT_DTYPE, Sensor, join_events, make_events
 from edge_vpr.simulation import simulate_pair
 

@@ -129,10 +129,7 @@ def timed(rows, start=0):
 
 
 @given(
-    rows=steady_strategy,
-    wraps_at=st.floats(0, 1),
-    vectors=st.booleans(),
-    chunk=st.integers(1, 99),
+    rows=steady_strategy, wraps_at=st.floats(0, 1), vectors=st.booleans(), chunk=st.integers(1, 99)
 )
 def test_evt3_is_decoded_beyond_the_wraps_of_its_clock(
     rows, wraps_at, vectors, chunk, tmp_path_factory

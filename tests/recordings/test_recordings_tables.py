@@ -67,10 +67,7 @@ def test_text_in_any_order_unit_and_separator_gives_the_same_events(
     assert recording.start_us == 1000
 
 
-@given(
-    us=st.integers(0, 1 << 52),
-    unit=st.sampled_from(["s", "ms", "us", "ns"]),
-)
+@given(us=st.integers(0, 1 << 52), unit=st.sampled_from(["s", "ms", "us", "ns"]))
 def test_whole_microseconds_are_exact_in_text_of_any_unit(us, unit, tmp_path_factory):
     path = tmp_path_factory.mktemp("t") / "a.csv"
     places = {"s": 6, "ms": 3, "us": 0, "ns": 0}[unit]

@@ -17,14 +17,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from edge_vpr_tools import cli, console
-from edge_vpr_tools.cli import (
-    EXAMPLES,
-    GROUPS,
-    VERBS,
-    completion_parser,
-    find_verb,
-    takes_value,
-)
+from edge_vpr_tools.cli import EXAMPLES, GROUPS, VERBS, completion_parser, find_verb, takes_value
 from edge_vpr_tools.console import Verbosity, in_flags, verbosity
 
 import edge_vpr

@@ -458,10 +458,7 @@ def test_times_with_a_zone_need_no_statement(tmp_path):
         ("time,power_w\n1,2\n", "--time 'Timestamp:ms'"),
         ("time_s,power\n1,2\n", "no column of current: name one and its unit by --current"),
         ("time_s,Power (dBm)\n0,1\n1,1\n", "no column of current"),
-        (
-            "time_s,I (A),I2 (A)\n0,1,1\n",
-            "2 columns of current: name one and its unit",
-        ),
+        ("time_s,I (A),I2 (A)\n0,1,1\n", "2 columns of current: name one and its unit"),
         ("time_s,a_w,b_w\n0,1,1\n", "2 columns of power: name one and its unit by --power"),
         ("time_s,current_a\n0,1\n", "state the supply in volts, such as --voltage 5"),
         ("time_s,power_w\n2,1\n1,1\n", "sample 2: its time is not later"),

@@ -355,10 +355,7 @@ def test_the_page_starts_no_cluster_that_listens_to_strangers():
 def test_a_scheduler_that_is_not_there_is_named(monkeypatch):
     pytest.importorskip("distributed", reason="Dask is an extra (dask)")
     monkeypatch.setattr("edge_vpr_tools.workers._TIMEOUT_S", 0.5)
-    with (
-        pytest.raises(UsageError, match="no Dask scheduler answers"),
-        cluster("tcp://127.0.0.1:9"),
-    ):
+    with pytest.raises(UsageError, match="no Dask scheduler answers"), cluster("tcp://127.0.0.1:9"):
         pass
 
 
