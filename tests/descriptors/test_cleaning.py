@@ -78,17 +78,6 @@ def test_time_that_passes_lets_events_out_earlier_and_changes_none(seed, n, slot
     assert as_tuples(join_events(parts)) == expected
 
 
-def test_a_burst_goes_and_the_drive_around_it_stays():
-    quiet = make_events(t=[0, 50_000, 90_000], x=[0, 1, 2], y=[0, 0, 0])
-    y, x = np.divmod(np.arange(12), 4)
-    # most pixels within a millisecond, across the border of two slots
-    burst = make_events(t=59_500 + 80 * np.arange(12), x=x, y=y)
-    filter_ = BurstFilter(SENSOR)
-    parts = [filter_.update(join_events([quiet[:2], burst, quiet[2:]])), filter_.finish()]
-    assert join_events(parts)["t"].tolist() == [0, 50_000, 90_000]
-    assert filter_.removed == 12
-
-
 @pytest.mark.parametrize("pieces", [[], [12], [12, 13], range(1, 15)])
 def test_a_burst_goes_also_if_events_of_two_later_slots_come_one_by_one(pieces):
     """It passed if the event after it was in no neighbouring slot."""

@@ -89,25 +89,6 @@ def test_pixels_of_the_released_code_keep_their_distance_and_outliers_weigh_a_hu
     assert (30, 30) not in pairs(selected)
 
 
-def test_draws_follow_the_saliency():
-    """A pixel with three times the variance is drawn three times as often."""
-    saliency = np.array([[1.0, 3.0]])
-    rng = np.random.default_rng(0)
-    first = [select_pixels(saliency, 1, rng=rng).x[0] for _ in range(4000)]
-    share = np.mean(first)
-    assert abs(share - 0.75) < 4 * np.sqrt(0.75 * 0.25 / 4000)
-
-
-def test_the_surround_of_a_drawn_pixel_is_drawn_less_often_than_far_pixels():
-    saliency = np.zeros((1, 41))
-    saliency[0, [0, 1, 40]] = [1e9, 1.0, 1.0]  # the first draw is practically always pixel 0
-    rng = np.random.default_rng(0)
-    second = [select_pixels(saliency, 2, sigma=7.0, rng=rng).x[1] for _ in range(2000)]
-    near = 1 - naive.gauss(1, 7.0) * naive.gauss(0, 7.0)
-    expected = near / (near + 1)
-    assert abs(np.mean(np.array(second) == 1) - expected) < 4 * np.sqrt(expected / 2000)
-
-
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [

@@ -46,18 +46,6 @@ def test_all_baselines_are_named_and_an_unknown_one_is_refused():
         open_baseline("netvlad")
 
 
-def test_a_baseline_of_another_package_is_found(tmp_path, monkeypatch):
-    info = tmp_path / "other-1.0.dist-info"
-    info.mkdir()
-    (info / "METADATA").write_text("Metadata-Version: 2.1\nName: other\nVersion: 1.0\n")
-    (info / "entry_points.txt").write_text(
-        "[edge_vpr.baselines]\nmine = lab.baselines.dense:AbsoluteDifferences\n"
-    )
-    monkeypatch.syspath_prepend(tmp_path)
-    assert baseline_names()[-1] == "mine"
-    assert open_baseline("mine").title == "all-pixels, SAD"
-
-
 def test_hog_without_its_library_names_the_extra(monkeypatch):
     monkeypatch.setitem(sys.modules, "skimage.feature", None)
     with pytest.raises(MissingExtraError, match=r"baseline hog.*scikit-image.*lab"):
