@@ -99,15 +99,6 @@ def test_the_help_of_convert_names_every_suffix_that_can_be_written(capsys):
     assert [suffix for suffix in WRITTEN if suffix not in shown] == []
 
 
-def test_convert_of_frames_needs_their_period(tmp_path, run, refused):
-    np.savez(tmp_path / "a.npz", frames=np.ones((30, 2, 2), np.uint8))
-    words = ["convert", tmp_path / "a.npz", tmp_path / "b.npz"]
-    assert "--frame-period" in refused(*words)
-    run(*words, "--frame-period", "1/30")
-    events = join_events(list(open_recording(tmp_path / "b.npz")))
-    assert (events.size, events["t"][-1] // 33_333) == (120, 29)
-
-
 def test_convert_stops_at_faults_or_drops_and_counts_them(tmp_path, run, refused):
     (tmp_path / "a.csv").write_text("0,1,1,1\n9,1,1,0\n8,1,1,0\n")
     words = ["convert", tmp_path / "a.csv", tmp_path / "b.npz", "--sensor", "40x30"]
