@@ -456,11 +456,9 @@ def sent_all(link, data):
     ("words", "says"),
     [
         (["--learn"], "belong together"),
-        (["--sensor", "4x4", "--learn", "-o", "x.txt"], "x.txt does not end in .npz: name the map"),
         ([], "pass --sensor WIDTHxHEIGHT or --map"),
         (["--sensor", "4x4", "--protocol", "x"], "choose one of evpr"),
         (["--sensor", "4x4", "--record", "a.npz", "--record", "b.npz"], "one file of events"),
-        (["--sensor", "4x4", "--record", "a.xyz"], "expected .bin for bytes, or .npz"),
         (["--sensor", "4x4", "--baud", "0"], "expected the speed of a serial port"),
         (["--map", "map.npz", "--counter-bits", "4"], "--counter-bits belongs to making a map"),
     ],

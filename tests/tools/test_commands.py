@@ -157,14 +157,6 @@ def test_wrong_use_is_one_line_and_leaves_nothing(line, code, says, drive, refus
     assert not list(tmp_path.iterdir())
 
 
-@pytest.mark.parametrize(
-    ("name", "text"), [("broken.npz", "PK broken"), ("drive.xyz", "what is this?")]
-)
-def test_a_recording_that_cannot_be_read_is_named(name, text, refused, tmp_path):
-    (tmp_path / name).write_text(text)
-    assert name in refused("map", tmp_path / name, "-o", tmp_path / "map.npz", code=1)
-
-
 def test_only_a_folder_of_our_results_is_replaced_when_told(drive, tmp_path, run, refused):
     words = ["match", drive / "map.npz", drive / "query.npz", "--no-figures", "-o"]
     run(*words, tmp_path / "results")
