@@ -193,7 +193,6 @@ def test_a_drive_matched_against_its_own_map_finds_each_place(matching, per_wind
 CODED = [
     {"counter_code": "linear", "counter_bits": 2},
     {"counter_code": "linear", "counter_bits": 9},
-    {"clip": 1},
 ]
 
 
@@ -215,7 +214,7 @@ def test_a_coded_map_has_the_pixels_of_the_plain_one_and_the_codes_of_its_counts
     reference = ReferenceMap.build(drive, coded)
     assert reference.pixel_map == counts.pixel_map
     columns = counts.places.counts.T.tolist()
-    most = code.get("clip", 2**coded.counter_bits - 1)
+    most = 2**coded.counter_bits - 1
     expected = [[min(count, most) for count in column] for column in columns]
     assert reference.places.counts.T.tolist() == expected
     # a query is coded as the map is
