@@ -225,18 +225,19 @@ def have_kernels(work: str, drive: Callable[[], object]) -> None:
         drive()
         return
     stamps = [(*name, _cache_file(kernel)._source_stamp) for name, kernel in _KERNELS.items()]
-    of = (numba.__version__, sys.version, sorted(stamps), work)
-    digest = hashlib.sha256(repr(of).encode()).hexdigest()[:16]
+    stamp = repr((numba.__version__, sys.version, sorted(stamps)))
+    digest = hashlib.sha256(work.encode()).hexdigest()[:16]
     file = Path(to_kernel_state.stats.cache_path) / f"work-{digest}.nbw"
     try:
         noted = checked_code(file)
     except OSError:
         noted = None
-    if noted is None:
+    if noted is None or pickle.load(noted) != stamp:
         drive()
         code = [(*name, [*kernel.overloads]) for name, kernel in _KERNELS.items()]
+        content = pickle.dumps(stamp) + pickle.dumps([each for each in code if each[-1]])
         with suppress(OSError):
-            file.write_bytes(_with_digest(pickle.dumps([each for each in code if each[-1]])))
+            file.write_bytes(_with_digest(content))
         return
     for module, name, signatures in pickle.load(noted):
         import_module(module)
