@@ -483,7 +483,7 @@ def _loud(name: str, design: Design, vary: Vary, rng: np.random.Generator, drawn
     codes = rng.integers(0, design.code_max + 1, (design.places, design.slots)).tolist()
     limits = [int(limit) for limit in rng.choice([0, 5, 1023], design.slots)]
     return stream.case(
-        name, codes, mean=_means(design, rng), limits=limits,
+        name, codes, mean=_means(design, rng), limits=limits if design.contrast else None,
         activity=int(2 ** rng.choice([rng.uniform(4, 10), rng.uniform(10, 12.5)]))
         << ACTIVITY_FRACTION_BITS,
     )  # fmt: skip

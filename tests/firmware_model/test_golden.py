@@ -49,6 +49,7 @@ from firmware_model.vectors import (
 from firmware_model.vectors.facts import facts_for, own_facts
 from firmware_model.vectors.filter_suite import filter_cases
 from firmware_model.vectors.manifest import FieldPlace
+from firmware_model.vectors.random_cases import random_adaptive_design
 from tests.streams import random_events, write_drives
 
 DESIGN = Design(width=24, height=16, pixels=9, places=20, length=3, code_bits=3, lanes=4)
@@ -151,6 +152,18 @@ def test_the_filter_suite_shows_every_fact(window, code, gains):
     sequences = replace(design, matching="sequence", length=3, gains=1)
     assert ("filter" in standard_suites(sequences, 0)) == (code == "contrast")
     assert {c for case in suites["corners"] for c, n in coverage(case).items() if n} == set(CORNERS)
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_the_suite_own_has_cases_of_any_design_itself(seed, monkeypatch):
+    monkeypatch.setattr(filter_suite, "OWN_DRAWS", 1)
+    rng = np.random.default_rng(seed)
+    drawn = iter(lambda: random_adaptive_design(rng, (1, 7)), None)
+    design = next(each for each in drawn if each.filters)
+    for places in (design.places, 1 + seed % 3):
+        design = replace(design, places=places)
+        cases = standard_suites(design, seed, "own")["own"]
+        assert cases and all(case.design == design for case in cases)
 
 
 def test_a_fact_that_no_case_shows_fails_the_build(monkeypatch):
