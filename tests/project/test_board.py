@@ -10,6 +10,7 @@ import subprocess
 import sys
 import tomllib
 from pathlib import Path
+from typing import Any
 
 import pytest
 from edge_vpr_tools.cli import VerbParser
@@ -28,6 +29,11 @@ def tool(name: str) -> str:
     return path
 
 
+def ran(name: str, *words: object, **more: Any) -> subprocess.CompletedProcess[str]:
+    command = [tool(name), *map(str, words)]
+    return subprocess.run(command, capture_output=True, text=True, **more)
+
+
 def of_unit(key: str) -> list[str]:
     return re.findall(rf"^{key}=(.*)$", UNIT, re.MULTILINE)
 
@@ -36,7 +42,7 @@ def of_unit(key: str) -> list[str]:
     "script", [*SCRIPTS, Path(__file__).parents[1] / "in_debian.sh"], ids=lambda path: path.name
 )
 def test_shellcheck_finds_nothing_in_a_script(script):
-    run = subprocess.run([tool("shellcheck"), str(script)], capture_output=True, text=True)
+    run = ran("shellcheck", script)
     assert run.returncode == 0, run.stdout
 
 
@@ -44,20 +50,17 @@ def test_systemd_finds_nothing_in_the_unit(tmp_path):
     unit = tmp_path / "edge-vpr.service"
     # systemd looks whether the program is there
     unit.write_text(UNIT.replace("/opt/edge-vpr/current/bin/edge-vpr", sys.executable))
-    command = [tool("systemd-analyze"), "verify", "--man=no", str(unit)]
-    run = subprocess.run(command, capture_output=True, text=True)
+    command = "systemd-analyze", "verify", "--man=no", unit
+    run = ran(*command)
     assert (run.returncode, run.stderr) == (0, "")
     unit.write_text(unit.read_text().replace("KillSignal=SIGTERM", "KillSignal=SIGNOTHING"))
-    assert "SIGNOTHING" in subprocess.run(command, capture_output=True, text=True).stderr
+    assert "SIGNOTHING" in ran(*command).stderr
 
 
 def test_systemd_rates_the_service_as_hardly_exposed(tmp_path):
     unit = tmp_path / "edge-vpr.service"
     unit.write_text(UNIT)
-    run = subprocess.run(
-        [tool("systemd-analyze"), "security", "--offline=true", "--no-pager", str(unit)],
-        capture_output=True, text=True,
-    )  # fmt: skip
+    run = ran("systemd-analyze", "security", "--offline=true", "--no-pager", unit)
     if "unrecognized option" in run.stderr:
         pytest.skip("systemd-analyze security --offline came with systemd 251")
     (level,) = re.findall(r"Overall exposure level for edge-vpr.service: ([\d.]+)", run.stdout)
@@ -98,9 +101,7 @@ def test_the_installer_makes_what_the_unit_needs():
 
 @pytest.mark.parametrize("script", SCRIPTS, ids=lambda path: path.name)
 def test_a_wrong_argument_changes_nothing_and_is_an_error(script, tmp_path):
-    run = subprocess.run(
-        [tool("sh"), str(script), "--nothing"], capture_output=True, text=True, cwd=tmp_path
-    )
+    run = ran("sh", script, "--nothing", cwd=tmp_path)
     assert run.returncode != 0
     assert run.stderr.startswith(("error: unknown argument --nothing", "usage: "))
 
@@ -121,10 +122,8 @@ def stand_in(tmp_path):
         }.items():
             (tools / name).write_text(f"#!/bin/sh\n{text}\n")
             (tools / name).chmod(0o755)
-        return subprocess.run(
-            [tool("sh"), str(BOARD / "install.sh"), "--root", str(root), *words],
-            env={"PATH": f"{tools}:{os.environ['PATH']}"}, capture_output=True, text=True,
-        )  # fmt: skip
+        path = {"PATH": f"{tools}:{os.environ['PATH']}"}
+        return ran("sh", BOARD / "install.sh", "--root", root, *words, env=path)
 
     return install, root, tmp_path / "done"
 
