@@ -153,6 +153,12 @@ def expected(tmp_path_factory):
     return header, len(matches), matches[-1].place
 
 
+def need(*programs: str) -> None:
+    for program in programs:
+        if shutil.which(program) is None:
+            pytest.skip(f"{program} is not installed")
+
+
 def with_gcc(header: Path, folder: Path) -> list[list[str]]:
     return [["make", "-C", str(M4), f"MAP={header}", f"OUT={folder}"]]
 
@@ -173,12 +179,7 @@ def with_cmake(header: Path, folder: Path) -> list[list[str]]:
 def test_the_firmware_finds_the_models_matches_from_reset_on(build, expected, tmp_path):
     header, matches, place = expected
     commands = build(header, tmp_path)
-    programs = {command[0] for command in commands}
-    if build is not with_zig:
-        programs.add("arm-none-eabi-gcc")
-    for program in programs:
-        if shutil.which(program) is None:
-            pytest.skip(f"{program} is not installed")
+    need(commands[0][0], *["arm-none-eabi-gcc"] * (build is not with_zig))
     for command in commands:
         done = subprocess.run(command, capture_output=True, text=True, cwd=M4, check=False)
         assert done.returncode == 0, done.stdout + done.stderr
@@ -189,9 +190,7 @@ def test_the_firmware_finds_the_models_matches_from_reset_on(build, expected, tm
 
 def test_the_firmware_is_built_of_the_map_that_is_named_also_of_an_older_one(expected, tmp_path):
     """And says in QEMU what it found there; a map that is not there is an error."""
-    for program in ("make", "arm-none-eabi-gcc", "qemu-system-arm"):
-        if shutil.which(program) is None:
-            pytest.skip(f"{program} is not installed")
+    need("make", "arm-none-eabi-gcc", "qemu-system-arm")
     header, matches, place = expected
     damaged = tmp_path / "damaged.h"
     damaged.write_text(header.read_text().replace("0x49525056U", "0U", 1))
@@ -219,9 +218,7 @@ def test_the_firmware_is_built_of_the_map_that_is_named_also_of_an_older_one(exp
 @pytest.mark.parametrize("generator", ["Unix Makefiles", "Ninja"])
 def test_cmake_builds_of_the_map_as_it_is_and_only_what_changed(expected, tmp_path, generator):
     """Also of an older map, under the same name or under another."""
-    for program in ("cmake", "arm-none-eabi-gcc", *["ninja"] * (generator == "Ninja")):
-        if shutil.which(program) is None:
-            pytest.skip(f"{program} is not installed")
+    need("cmake", "arm-none-eabi-gcc", *["ninja"] * (generator == "Ninja"))
     maps = [tmp_path / name for name in ("map.h", "older.h")]
     for path in maps:
         shutil.copy(expected[0], path)
@@ -338,12 +335,9 @@ def test_a_map_that_cannot_lie_there_is_not_written(street, tmp_path, refused, w
 
 
 def test_firmware_without_a_map_says_what_to_name(tmp_path):
-    make = shutil.which("make")
-    if make is None:
-        pytest.skip("make is not installed")
-    run = subprocess.run(
-        [make, "-C", str(M4), f"OUT={tmp_path}"], capture_output=True, text=True, check=False
-    )
+    need("make")
+    command = ["make", "-C", str(M4), f"OUT={tmp_path}"]
+    run = subprocess.run(command, capture_output=True, text=True, check=False)
     assert run.returncode != 0
     assert "is no file: make MAP=" in run.stderr
 
