@@ -147,4 +147,4 @@ def aimed_corners(suite: SuiteEntry, design: Design) -> dict[str, int]:
     aimed: Iterable[str] = AIMED.get(suite.name, ())
     if suite.name in ("filter", "own"):
         aimed = facts_for(design) if suite.name == "filter" else own_facts(design)
-    return {corner: suite.coverage[corner] for corner in aimed}
+    return {corner: suite.coverage[corner] for corner in suite.coverage if corner in aimed}
