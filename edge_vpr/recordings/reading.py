@@ -585,7 +585,7 @@ class Recording(EventSource):
 
     Each ``iter()`` starts at the first event and resets `faults` and `position`; the first one goes
     on with what was read when the file was opened. Memory does not grow with the length of the
-    file.
+    file. The other attributes are those of an `EventSource`.
 
     Attributes
     ----------
@@ -595,8 +595,6 @@ class Recording(EventSource):
         Whether this is a table without a column of the polarity, so that all events are ON.
     watch : callable
         Takes the events of each pass and yields them, for example to show how far it is.
-
-    See `EventSource` for the others.
     """
 
     def __init__(self, source: Source, on_fault: str) -> None:
