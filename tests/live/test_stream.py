@@ -505,6 +505,7 @@ def test_a_full_disk_ends_its_file_and_not_the_run(drive, sent, tmp_path, stream
 
 FULL_DISK = """
 import resource, signal, sys
+from edge_vpr_tools.cli import main
 signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
 resource.setrlimit(resource.RLIMIT_FSIZE, (50_000, 50_000))
 sys.exit(main(sys.argv[1:]))
