@@ -156,7 +156,7 @@ class SettingField:
 
     def of(self, name: str, hint: Any, default: Any) -> SettingField:
         """Return the record of the attribute `name` with its type and its default."""
-        # of ``float | None`` the float; of ``Strategy`` the words of this package
+        # of ``float | None`` the float
         one = get_args(hint)[0] if get_origin(hint) in (Union, UnionType) else hint
         words: tuple[str, ...] = get_args(one) if get_origin(one) is Literal else ()
         kind = str if words else get_origin(one) or one

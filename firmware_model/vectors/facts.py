@@ -223,12 +223,8 @@ def own_facts(design: Design) -> set[str]:
     """
     names = facts_for(design).difference(LOGARITHMS, {"window_above_1023"})
     half = design.places_per_window == 2
-    names -= {name for name in FILTER if name.startswith("costs_" if half else "half_costs_")}
-    if half:
-        names |= {"costs_below", "costs_above"}
-        names -= {"whole_place_told"}
-    else:
-        names -= set(_OF_THE_MIDDLE)
+    names -= {f"{'' if half else 'half_'}costs_{n}" for n in _ROWS}
+    names -= {"whole_place_told"} if half else set(_OF_THE_MIDDLE)
     if not design.contrast:
         names -= set(CONTRAST)
     if design.places <= 256:

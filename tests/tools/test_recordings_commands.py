@@ -4,15 +4,17 @@ from __future__ import annotations
 
 import io
 import json
+import re
 import sys
 
 import numpy as np
 import pytest
 from edge_vpr_tools import cli
-from edge_vpr_tools.inputs import watched
+from edge_vpr_tools.inputs import watched, with_progress
 
 from edge_vpr.events import Sensor, join_events, make_events
 from edge_vpr.recordings import WRITTEN, open_recording, write_recording
+from edge_vpr.simulation import simulate_pair
 from tests.streams import random_events
 
 SENSOR = Sensor(40, 30)
@@ -132,3 +134,7 @@ def test_a_terminal_gets_a_bar_and_the_events_all_the_same(tmp_path, monkeypatch
     for _ in range(2):
         assert np.array_equal(join_events(list(recording)), EVENTS)
     assert "reading it" in terminal.getvalue()
+    drive, _ = simulate_pair(0, "tiny", length_m=20)
+    assert sum(events.size for events in with_progress(drive, "driving")) > 0
+    # the share that was driven is known, and so is the time that is left
+    assert re.search(r"driving.*left: \S*0:00:0", terminal.getvalue())

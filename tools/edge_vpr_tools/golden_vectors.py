@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
 from pathlib import Path
 
 import numpy as np
@@ -144,7 +143,6 @@ def check_vectors_folder(path: Path, overwrite: bool) -> None:
 
 def aimed_corners(suite: SuiteEntry, design: Design) -> dict[str, int]:
     """Return how often a suite reaches each corner that it is made for and its design can have."""
-    aimed: Iterable[str] = AIMED.get(suite.name, ())
-    if suite.name in ("filter", "own"):
-        aimed = facts_for(design) if suite.name == "filter" else own_facts(design)
+    of_design = {"filter": facts_for, "own": own_facts}.get(suite.name)
+    aimed = AIMED.get(suite.name, ()) if of_design is None else of_design(design)
     return {corner: suite.coverage[corner] for corner in suite.coverage if corner in aimed}

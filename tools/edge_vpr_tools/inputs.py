@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
 
@@ -63,20 +63,21 @@ AnyDrive = TypeVar("AnyDrive", Recording, "Recording | PublishedWindows")
 def watched(recording: AnyDrive, label: str) -> AnyDrive:
     """Show the progress of each pass over the events of a recording under `label`."""
     if isinstance(recording, Recording):
-        recording.watch = lambda events: with_progress(events, label, lambda: recording.position)
+        recording.watch = lambda events: with_progress(recording, label, events)
     return recording
 
 
 def with_progress(
-    events: Iterable[Events], label: str, position: Callable[[], float | None] = lambda: None
+    recording: Recording | SimulatedRecording, label: str, events: Iterable[Events] | None = None
 ) -> Iterator[Events]:
     """Yield the events, and show a progress bar on standard error if it is a terminal.
 
     Parameters
     ----------
-    position : callable, optional
-        Returns which share of them was read, 0 to 1, or None.
+    events : iterable of Events, optional
+        A pass over the recording; by default a new one.
     """
+    events = recording if events is None else events
     from rich.console import Console  # slow to load, as all of rich
 
     console = Console(stderr=True)
@@ -100,7 +101,7 @@ def with_progress(
         for some in events:
             yield some
             n += some.size
-            share = position()
+            share = recording.position
             progress.update(
                 task,
                 events=f"{n:,} events",
