@@ -310,7 +310,7 @@ def test_workers_end_with_the_process_that_started_them(tmp_path, number):
 def scheduler():
     distributed = pytest.importorskip("distributed", reason="Dask is an extra (dask)")
     with distributed.LocalCluster(
-        n_workers=2, threads_per_worker=1, dashboard_address=None, host="127.0.0.1"
+        n_workers=2, threads_per_worker=1, dashboard_address="127.0.0.1:0", host="127.0.0.1"
     ) as made:
         yield made.scheduler_address
 
