@@ -63,11 +63,14 @@ def measure(draw: Draw) -> Iterator[Row]:
             target, mission = find(name), Mission(rate, pixels / (346 * 260), 1.0)
             of = on_target(design, mission, Limits(target))
             per_joule = of.cost.matches_per_joule
-            # of the core itself, whose events may come faster than by its SPI line
             if per_joule is None or of.cost.load.high >= 1:
                 continue
+            by_spi = of.cost.spi_events_per_s
+            device = target.name
+            if by_spi is not None and rate > by_spi:
+                device += ", by its stream"  # its SPI line does not carry as many events
             yield {
-                "system": f"place filter, {pixels} pixels", "device": target.name,
+                "system": f"place filter, {pixels} pixels", "device": device,
                 "includes": "what the work adds", "basis": "modelled", "events/s": rate,
                 "matches per joule": per_joule.central,
                 "low": per_joule.low, "high": per_joule.high,
