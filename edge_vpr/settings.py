@@ -304,10 +304,10 @@ _PIXELS = _group(
     pixels=SettingField(help="number of selected pixels, J", metavar="J", least=1),
     strategy=SettingField(
         help="how pixels are selected",
-        more="variance: drawn by the variance of their counts (the paper). seed-code: drawn by the "
-        "mean of their counts (the released code). random: all equally likely. random-upper: "
-        "random, from the upper two thirds of the image. top: the highest variances. information: "
-        "one by one, each the pixel that adds most about the place.",
+        more="variance: drawn by the variance of their counts (the paper). seed-code: by their "
+        "mean (the released code). random: all equally likely. random-upper: the same, in the "
+        "upper two thirds of the image. top: the highest variances. information: one by one, each "
+        "the pixel that adds most about the place.",
     ),
     sigma=SettingField(
         help="width (sigma, in pixels) of the Gaussian that keeps selected pixels apart",
@@ -388,8 +388,8 @@ _MATCHING = _group(
         metavar="N",
         valid=lambda number: number in (1, 7),
         expected="1 or 7",
-        more="With 7, neither another speed than that of the map nor another light or camera is "
-        "taken for the other. Codes that are not contrast codes, and windows by count, have 1.",
+        more="With 7, another speed is told from another light or camera. Codes other than "
+        "contrast, and windows by count, have 1.",
         needs=_FILTER,
     ),
     smooth=SettingField(
@@ -411,7 +411,7 @@ _MATCHING = _group(
     ),
     precision=SettingField(
         help="mark matches as lost so that a share P of the others, such as 0.99, is expected to "
-        "be correct; none: mark none",
+        "be right, within the exclusion zone; none: mark none",
         metavar="P",
         words={"none": None},
         above=0,

@@ -7,6 +7,7 @@ import os
 import re
 import subprocess
 import sys
+import tomllib
 from html.parser import HTMLParser
 from pathlib import Path
 from urllib.parse import unquote, urlsplit
@@ -153,3 +154,10 @@ def test_every_page_has_a_place_in_the_site():
 def test_every_command_is_on_the_page_of_settings_and_commands():
     page = (ROOT / "docs/settings.md").read_text()
     assert [verb for verb in VERBS if f"`{verb}`" not in page] == []
+
+
+def test_every_extra_is_on_the_page_of_settings_and_commands():
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+    page = (ROOT / "docs/settings.md").read_text()
+    extras = project["optional-dependencies"]
+    assert [extra for extra in extras if f"`{extra}`" not in page] == []
