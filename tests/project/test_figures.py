@@ -1,7 +1,6 @@
-"""Numbers in the sentences of the README are those of the model and of the files of docs/results.
+"""Numbers in the sentences of pages are those of the model and of the files of docs/results.
 
-Tables are compared with their files in `test_documents.py`; sentences of other pages have few
-figures that an experiment could change.
+Tables are compared with their files in `test_documents.py`.
 """
 
 from __future__ import annotations
@@ -9,8 +8,10 @@ from __future__ import annotations
 import csv
 import json
 import re
+from collections import defaultdict
 from pathlib import Path
 
+import numpy as np
 import pytest
 from edge_vpr_tools.cli import main
 
@@ -59,3 +60,71 @@ def test_the_readme_is_read_in_minutes(prose):
     """All words and numbers that it shows count, also those of code and of the table."""
     shown = re.sub(r"<!--.*?-->", "", prose).split()
     assert sum(re.search(r"\w", word) is not None for word in shown) <= 900
+
+
+def rows_of(name, **only):
+    """Return the rows of a file of results that have these values."""
+    with (ROOT / "docs/results" / name).open(encoding="utf-8", newline="") as file:
+        rows = list(csv.DictReader(file))
+    return [row for row in rows if all(row[key] == value for key, value in only.items())]
+
+
+def means_by(key, column, rows):
+    """Return the mean of a column over the seeds, by the value of another column."""
+    values = defaultdict(list)
+    for row in rows:
+        if row[column]:
+            values[row[key]].append(float(row[column]))
+    return {name: float(np.mean(each)) for name, each in values.items()}
+
+
+def sentences(page):
+    return " ".join((ROOT / "docs" / page).read_text(encoding="utf-8").split())
+
+
+def test_slow_walks_and_hot_pixels_are_those_of_the_table_of_robustness():
+    rows = rows_of("robustness.csv", matching="live", gains="7")
+    accepted = means_by("trouble", "accepted at 0.99", rows)
+    hot = means_by("trouble", "correct of accepted", rows)["20 of 150 pixels are hot, 200 events/s"]
+    text = sentences("will_it_work.md")
+    slow, slow_auto = accepted["walking pace"], accepted["walking pace, --tau auto"]
+    assert f"{slow:.2f} of the matches are accepted, and with `--tau auto` {slow_auto:.2f}." in text
+    assert f"only {hot:.2f} of the accepted matches are correct" in text
+
+
+def test_sentences_of_results_are_those_of_their_files():
+    text = sentences("results.md")
+    at = rows_of("position.csv", position="reported")
+    at = [row for row in at if row["query"] in ("as recorded", "in other light")]
+    at = [row for row in at if row["pixels"] in ("49", "150")]
+    middle, most = (
+        means_by("drives", column, at) for column in ("median error (m)", "95 % of the errors (m)")
+    )
+    real, street = "Brisbane, 49 px", "streets of 600 m"
+    assert f"on Brisbane is {middle[real]:.1f} m off in the median" in text
+    assert f"95 % of the errors are at most {most[real]:.1f} m." in text
+    assert f"the figures are {middle[street]:.1f} m and {most[street]:.1f} m" in text
+
+    off = [
+        row for row in rows_of("calibration.csv", matching="live")
+        if row["map"] in ("a piece cut out", "a detour", "carried off twice")
+    ]  # fmt: skip
+    least = min(means_by("map", "precision", off).values())
+    later = min(means_by("map", "precision from one window after a change on", off).values())
+    assert f"{np.floor(100 * least) / 100:.2f} or more of the accepted" in text
+    assert f"{np.floor(100 * later) / 100:.2f} or more without the windows" in text
+
+    elsewhere = rows_of("robustness.csv", trouble="40 other streets", gains="7")
+    accepted = means_by("matching", "accepted at 0.99", elsewhere)
+    worst = max(
+        float(row["most of a drive accepted"]) for row in elsewhere if row["matching"] == "smoothed"
+    )
+    assert (
+        f"{accepted['live']:.4f} of the live windows are accepted, and {accepted['smoothed']:.3f} "
+        "of the smoothed ones"
+    ) in text
+    assert f"{worst:.2f} of the smoothed windows" in text
+
+    pace = "null: constant speed from start to end"
+    guess = means_by("drives", "P@100R", rows_of("place-filter.csv", method=pace))
+    assert f"at most {max(guess.values()):.2f} (the walks)" in text

@@ -2,6 +2,12 @@
 
 Nothing is downloaded, since the files are gigabytes, and the user must accept their licences.
 `lab.datasets` states the pages, and the names and sizes of the files.
+
+drives = BrisbaneEventVPR("downloads", ["sunset2", "sunset1"])
+(_, reference), (_, query) = drives  # Target(traverse, track)
+route = ReferenceMap.build(drives[0], sensor=drives.sensor_size, track=reference.track)
+result = route.match(drives[1])
+print(result.evaluate((reference.track, query.track), tolerance_m=70).precision_at_100_recall)
 """
 
 from __future__ import annotations

@@ -1,4 +1,11 @@
-"""The baseline `edge_vpr` of Event-LAB, to be copied into its ``baselines/`` (docs/laboratory.md).
+"""The baseline `edge_vpr` of Event-LAB.
+
+1. Install edge-vpr with the extra ``hdf5`` in an environment of its own.
+2. Copy this file and ``edge_vpr.yaml`` into Event-LAB's ``baselines/``, and name the program in the
+   latter (``program: [/path/of/that/environment/bin/edge-vpr]``).
+3. Register it in ``baselines/get_baseline.py`` (``"edge_vpr": lambda: EdgeVprBaseline()``) and in
+   ``config.yaml`` under ``VPR-Baselines``. There, set ``stream: true``: the runner of 25d5425
+   prepares a baseline only then.
 
 Event-LAB calls `format_data`, `build_execute`, `run`, `parse_results` and `cleanup` in this order.
 It pins NumPy 1, and edge-vpr needs NumPy 2: edge-vpr runs in a process of its own environment.
