@@ -133,19 +133,25 @@ def test_the_calibration_learns_tables_instead_of_judging_them(tmp_path, capsys)
         assert all(list(table) == fields for table in [*made[TABLES].values(), made[LIVE_ON_MAP]])
         assert made[LIVE_ON_MAP]["off_map"] == 0 < made[TABLES][LIVE]["off_map"]
     # the same streets, pooled by hand
-    pooled, whole = [], []
+    pooled, whole, leaving = [], [], []
     for seed in (20, 21):
         street, rng = calibration.open_street(seed), np.random.default_rng((7, seed))
         beside = calibration.drive_elsewhere(seed)
         for case, away in calibration.driven(street, beside, places_per_window=1):
             for name, version in calibration.versions_of(case, away, rng).items():
-                changed = version.with_settings(calibration.MATCHINGS[LIVE])
-                pooled.append(calibration.sample(changed))
+                live, smoothed = (
+                    calibration.sample(version.with_settings(calibration.MATCHINGS[how]))
+                    for how in (LIVE, SMOOTHED)
+                )
+                pooled.append(live)
                 if name == "whole":
-                    whole.append(pooled[-1])
-    for table, live in ((learnt[TABLES][LIVE], pooled), (learnt[LIVE_ON_MAP], whole)):
-        assert sum(table["matches"]) == sum(one.trust.size for one in live)
-        correct = np.concatenate([one.correct for one in live])
+                    whole.append(live)
+                if name not in ("whole", "carried off twice"):
+                    leaving.append(smoothed)
+    tables = learnt[TABLES][LIVE], learnt[LIVE_ON_MAP], learnt[TABLES][SMOOTHED]
+    for table, some in zip(tables, (pooled, whole, leaving), strict=True):
+        assert sum(table["matches"]) == sum(one.trust.size for one in some)
+        correct = np.concatenate([one.correct for one in some])
         assert table["right"] == round(float(correct.mean()), 4)
 
 
@@ -176,6 +182,12 @@ def test_the_calibration_judges_the_shipped_tables_on_streets_that_they_are_not_
         probability = whole["mean probability (stays on map)"]
         assert whole["mean probability"] < probability < 1
     assert by_map["a detour", "live"]["AUROC off the map"] is not None
+    for how in calibration.MATCHINGS:
+        kinds = [by_map[kind, how] for kind in calibration.LEARNT_FROM[LIVE]]
+        windows = sum(row["windows"] for row in kinds)
+        accepted = sum(row["windows"] * row["accepted at 0.99"] for row in kinds)
+        assert by_map["all six", how]["windows"] == windows
+        assert by_map["all six", how]["accepted at 0.99"] == pytest.approx(accepted / windows)
     assert by_map[calibration.SWITCHED_ON, "live"]["starts"] >= 0
 
 

@@ -223,6 +223,8 @@ def _in_parts(mapped: ReferenceMap, parts: int, drive: SimulatedRecording) -> De
 
 WHOLE, CUT, DETOUR, CARRIED = "whole", "a piece cut out", "a detour", "carried off twice"
 BACKWARDS, ANOTHER = "backwards", "another route"
+#: row of all of these together
+POOLED = "all six"
 
 
 def versions_of(
@@ -422,6 +424,7 @@ def evaluate_tables(
     versions: Mapping[str, Sequence[MappedPair]],
     matchings: Sequence[str],
     switched_on: Sequence[str],
+    pooled: Sequence[str] = (),
 ) -> Iterator[Row]:
     """Evaluate the shipped tables on drives whose truth is known.
 
@@ -433,15 +436,18 @@ def evaluate_tables(
         Of `MATCHINGS`.
     switched_on : sequence of str
         Those by which whole drives are also matched from the middle of the route on.
+    pooled : sequence of str
+        Versions that are evaluated together too, in a further row.
     """
     learnt_on = "streets of seeds {} to {}".format(*learnt_seeds())
     for name in matchings:
+        table, on_map = (default_confidence(name == SMOOTHED, stays) for stays in (False, True))
+        together: list[Sample] = []
         for version, pairs in versions.items():
             changed = [pair.with_settings(MATCHINGS[name]) for pair in pairs]
-            settings = changed[0].reference.settings
-            table, on_map = (default_confidence(settings.smooth, stays) for stays in (False, True))
             row = {"map": version, "matching": name, LEARNT_ON: learnt_on}
             samples = [sample(pair) for pair in changed]
+            together += samples if version in pooled else []
             stays = _if_on_map(figures_of_table(on_map, samples)) if name == LIVE else {}
             yield {**row, **figures_of_table(table, samples), **stays}
             if version == WHOLE and name in switched_on:
@@ -449,6 +455,9 @@ def evaluate_tables(
                 first = partial(first_matches, changed)
                 stays = _if_on_map(first(partial(_accepted, on_map))) if name == LIVE else {}
                 yield {**row, **first(partial(_accepted, table)), **stays}
+        if together:
+            row = {"map": POOLED, "matching": name, LEARNT_ON: learnt_on}
+            yield {**row, **figures_of_table(table, together)}
 
 
 def _accepted(table: Confidence, matches: Matches) -> npt.NDArray[np.bool_]:
@@ -585,7 +594,7 @@ def unseen_street(seed: int) -> dict[str, list[MappedPair]]:
 
 def measure(draw: Draw) -> Iterator[Row]:
     """Evaluate every table on all drives of one street."""
-    yield from evaluate_tables(draw.pair, list(MATCHINGS), (LIVE,))
+    yield from evaluate_tables(draw.pair, list(MATCHINGS), (LIVE,), LEARNT_FROM[LIVE])
 
 
 EXPERIMENT = Experiment(
