@@ -159,12 +159,15 @@ def _off_everything(stream: Stream) -> None:
     for x, y in ((right + 1, bottom), (right, bottom + 1), (0, bottom + 1), (right + 1, 0)):
         if x < 1 << 16 and y < 1 << 15:
             stream.at(x, y)
-    # pixels that share some address bits with a selected one, or its entry in the look-up
+    # selected pixels but for one bit of an address, or those that share a look-up entry with one
     for x, y in pixels[:3]:
-        for column, row in ((x + 256, y), (x + design.lookup_depth, y), (0xFFFF, y)):
-            stream.at(min(column, 0xFFFF), row)
-        for row in (y + 256, (1 << 15) - 1):
-            stream.at(x, min(row, (1 << 15) - 1))
+        for bit in range(16):
+            stream.at(x ^ 1 << bit, y)
+        for bit in range(15):
+            stream.at(x, y ^ 1 << bit)
+        for column in (x + design.lookup_depth, 0xFFFF):
+            stream.at(min(column, 0xFFFF), y)
+        stream.at(x, (1 << 15) - 1)
     lookup = Memories(design, pixels, [[0] * design.slots] * design.places).lookup()
     shared = (
         (x, y)

@@ -122,6 +122,18 @@ def test_the_corner_suite_reaches_every_corner(window):
     assert max(map(len, reached)) < len(CORNERS) - 5
 
 
+def test_corners_change_each_bit_of_the_address_of_a_selected_pixel():
+    """A device that leaves a bit out takes the event for one of that pixel."""
+    case = next(case for case in corner_cases(DESIGN) if case.name == "events_by_time")
+    pixels = set(case.memories.pixels)
+    columns, rows = set(), set()
+    for event in case.events:
+        if (event.x, event.y) not in pixels:
+            columns |= {b for b in range(16) if (event.x ^ 1 << b, event.y) in pixels}
+            rows |= {b for b in range(15) if (event.x, event.y ^ 1 << b) in pixels}
+    assert (columns, rows) == (set(range(16)), set(range(15)))
+
+
 @pytest.mark.parametrize("places", [1, 4])
 def test_a_place_filter_of_fewer_places_than_a_sequence_has_corners(places):
     """Its maps are made for each case, whatever the map of the design."""
