@@ -36,6 +36,7 @@ from firmware_model.specification import (
     MatchResult,
     Rows,
     Trace,
+    activity_of,
     advance,
     change_gain,
     decide,
@@ -55,7 +56,13 @@ from firmware_model.specification import (
 )
 from firmware_model.vectors.case import Case, window_codes
 from fixedpoint.activity import BANK_COSTS, GAINS, PARTS, PAUSE_SHIFT, SAME_ROW, SUMS
-from fixedpoint.own_mean import FIRST_SHIFT, LAST_SHIFT, LEVEL_FRACTION_BITS, MEAN_FRACTION_BITS
+from fixedpoint.own_mean import (
+    FIRST_SHIFT,
+    FULL_SCALE,
+    LAST_SHIFT,
+    LEVEL_FRACTION_BITS,
+    MEAN_FRACTION_BITS,
+)
 
 #: bits of mean numbers of events that no window of a small case has
 LARGE_MEANS = range(19, 24)
@@ -106,6 +113,7 @@ FILTER = {
     },
     "decay_rounded": "a pause that takes from the mean what 1,024 does not divide",
     "decay_decides": "a case that would be another had this been rounded towards 0",
+    "events_decide": "a case that would be another had a number of events stopped at 65,535",
     "silence_of_nothing": "a window without events, of a mean of 0",
     "silence_decides": "a case that would be another were only few events a pause, of any mean",
     "restarted": "a place that nothing leads to for less than a restart",
@@ -227,6 +235,8 @@ def own_facts(design: Design) -> set[str]:
     names -= {"whole_place_told"} if half else set(_OF_THE_MIDDLE)
     if not design.contrast:
         names -= set(CONTRAST)
+    elif design.slots * FULL_SCALE <= 0xFFFF:
+        names -= {"events_above_16_bits", "events_decide"}
     if design.places <= 256:
         names -= {"ties_above_255"}
     return names
@@ -330,7 +340,7 @@ class Facts:
             if is_edge:
                 activity = state.activity + other
                 changed = advance(filter_map, before, activity, state.paused, self.machine.compared)
-                self.tally[name] += changed.best != advanced.best
+                self.tally[name] += _told(changed) != _told(advanced)
 
     def _see_metrics(self, filter_map: FilterMap, before: Filter, advanced: Advanced) -> None:
         tally, seen, first = self.tally, advanced.seen, before.place is None
@@ -450,7 +460,6 @@ class Facts:
 
     def _see_others(self, filter_map: FilterMap, advanced: Advanced) -> None:
         """Match on and on by a filter without a rule, until a match is another one."""
-        told = (advanced.best.told, advanced.best.nearest, advanced.trust.trust)
         window = self.machine.states[-1]
         for name, rule in _OTHER_FILTERS.items():
             state = self._others.get(
@@ -461,7 +470,7 @@ class Facts:
             other = _advance_without(
                 filter_map, state, window.activity, window.paused, self.machine.compared, rule
             )
-            differs = (other.best.told, other.best.nearest, other.trust.trust) != told
+            differs = _told(other) != _told(advanced)
             self.tally[name] += differs
             self._others[name] = None if differs else other.state
 
@@ -534,6 +543,10 @@ _OTHER_DEVICES: dict[str, tuple[str, str, Callable[..., Any]]] = {
     "silence_decides": (
         "silence_of_nothing", "is_pause", lambda counted, mean: counted * 2048 < mean
     ),
+    "events_decide": (
+        "events_above_16_bits", "activity_of",
+        lambda counted, mean: activity_of(min(counted, 0xFFFF), mean),
+    ),
     "decay_decides": (
         "busy_at_threshold", "mean_activity_after",
         lambda mean, counted: mean - (mean >> 10) if is_pause(counted, mean)
@@ -600,6 +613,11 @@ def _advance_without(
                 changed, steps_of(filter_map, seen, filter_map.gains[h]), filter_map.restart
             )
     return decide(filter_map, state, seen, predicted, against)
+
+
+def _told(advanced: Advanced) -> tuple[int, tuple[int | None, ...], int]:
+    """Return what a record says of a match: its best gain, for one, is in none."""
+    return advanced.best.told, advanced.best.nearest[1:], advanced.trust.trust
 
 
 _OF_RESIDUALS = (

@@ -17,13 +17,13 @@ import numpy as np
 
 from firmware_model.design import ACTIVITY_FRACTION_BITS, LARGEST_SUM, LEVEL_TOP, LEVELS, Design
 from firmware_model.errors import VectorError
-from firmware_model.specification import gains_of, ilog, mean_activity_after
+from firmware_model.specification import activity_of, gains_of, ilog, mean_activity_after
 from firmware_model.specification_drive import bias_of, typical_distances
 from firmware_model.vectors.case import Case, Stream
 from firmware_model.vectors.coverage import coverage
 from firmware_model.vectors.facts import CONTRAST, LOGARITHMS, SEVERAL_GAINS, facts_for, own_facts
 from fixedpoint.activity import EVENTS_TOP, PARTS, PAUSE_SHIFT
-from fixedpoint.own_mean import FIRST_SHIFT, LAST_SHIFT
+from fixedpoint.own_mean import FIRST_SHIFT, FULL_SCALE, LAST_SHIFT
 
 #: pixels of which a design must have so many to show every fact
 ENOUGH_PIXELS = 8
@@ -491,19 +491,23 @@ def _loud(name: str, design: Design, vary: Vary, rng: np.random.Generator, drawn
 
 def _busy(name: str, design: Design, vary: Vary, rng: np.random.Generator, drawn: int) -> Case:
     """Draw a window of more events than 16 bits can count, in counters that do not saturate."""
-    if design.slots * 1023 < 0x10000 + 100:
+    if design.slots * FULL_SCALE < 0x14000:
         design = vary(design, code="counts", gains=1)
-    design = vary(design, places=4, window="time")
-    events = 0x10000 + int(rng.integers(1, 9))
+    design = vary(design, places=1, window="time", exclusion=0, restart=30)
+    # a logarithm above that of 16 bits, which is the first of a row in which standing costs more
+    events = int(0x10000 * 2 ** rng.uniform(1.1 / PARTS, 4 / PARTS))
+    activity = int(2 ** rng.uniform(14, 16)) << ACTIVITY_FRACTION_BITS
     stream = Stream(design)
     few = [3] * design.slots
+    of_mean = activity if design.gains > 1 else mean_activity_after(activity, sum(few))
+    own = activity_of(events, of_mean) + 4 - 8 * int(rng.integers(-6, 4))
     even = [events // design.slots] * design.slots
     even[0] += events - sum(even)
     for counts in (few, even, few, few):
         stream.fill(counts)
     stream.close()
     codes = rng.integers(0, design.code_max + 1, (design.places, design.slots)).tolist()
-    return stream.case(name, codes, activity=100 << ACTIVITY_FRACTION_BITS)
+    return stream.case(name, codes, activity=activity, place_activity=[own] * design.places)
 
 
 def _large_means(
@@ -562,7 +566,7 @@ _AIMED: dict[str, set[str]] = {
         *(name for name in CONTRAST if name.startswith("mean_shift_")),
     },
     "pauses": {"silence_of_nothing", "silence_decides", "decay_decides"},
-    "busy": {"events_above_16_bits"},
+    "busy": {"events_above_16_bits", "events_decide"},
     "large_means": {f"mean_of_{n}_bits" for n in range(19, 24)},
     "halves": {"mean_of_a_half"},
 }
