@@ -32,6 +32,7 @@ CORNERS = {
     "off": "an OFF event at a selected pixel",
     "sensor_corner": "an event at one of the four corners of the sensor",
     "clock_wrapped": "a window whose end is behind the clock's wrap",
+    "short_clock_wrapped": "such a window of a clock of fewer than 32 bits",
     "gap": "an event that ends three windows or more",
     "empty_window": "a window without events at selected pixels",
     "full_window": "a window that ends with its last event",
@@ -167,6 +168,7 @@ def _see_window(machine: Machine, window: WindowResult, tally: Counter[str]) -> 
     if design.window == "time":
         tally["narrow_clock"] += 9 * design.tau_us > 1 << design.timestamp_bits
         tally["clock_wrapped"] += machine.end < design.tau_us
+        tally["short_clock_wrapped"] += machine.end < design.tau_us and design.timestamp_bits < 32
     tally["window_above_255"] += window.number > 255
     tally["incomplete_sequence"] += window.number + 1 < design.length
     tally["lanes_unfilled"] += design.slots % design.lanes > 0
