@@ -23,6 +23,7 @@ from edge_vpr_tools.console import Verbosity, in_flags, verbosity
 import edge_vpr
 from edge_vpr import errors
 from edge_vpr.archive import archive_kind
+from edge_vpr.compile_report import compiling_reported
 from edge_vpr.errors import EdgeVprError, MissingExtraError, UsageError, did_you_mean
 from edge_vpr.events import join_events, make_events
 from edge_vpr.recordings import open_recording, write_recording
@@ -234,14 +235,14 @@ def test_compilation_is_announced_once(capsys):
     import edge_vpr.compiling  # which listens
 
     assert edge_vpr.compiling.working_s() > 0
-    with console.compiling_noted():
+    with compiling_reported(console.note):
         kernel = nb.njit(lambda x: x * 3 + 1)
         if not isinstance(kernel, nb.core.dispatcher.Dispatcher):
             pytest.skip("Numba compiles nothing (NUMBA_DISABLE_JIT)")
         assert kernel(2) == 7
         assert kernel(2.5) == 8.5
     assert capsys.readouterr().err.count("compiling kernels") == 1
-    with console.compiling_noted():
+    with compiling_reported(console.note):
         assert kernel(3) == 10
     assert capsys.readouterr().err == ""
 

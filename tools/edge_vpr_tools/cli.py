@@ -20,6 +20,7 @@ from types import FrameType, ModuleType
 from typing import Any, NoReturn
 
 from edge_vpr import __version__
+from edge_vpr.compile_report import compiling_reported
 from edge_vpr.errors import (
     EdgeVprError,
     EdgeVprWarning,
@@ -30,10 +31,10 @@ from edge_vpr.errors import (
 )
 from edge_vpr_tools.console import (
     Verbosity,
-    compiling_noted,
     error_line,
     handled,
     in_flags,
+    note,
     verbosity,
     warning,
 )
@@ -367,7 +368,7 @@ def run(argv: Sequence[str]) -> None:
     level = Verbosity.QUIET if args.quiet else Verbosity(args.verbose)
     with (
         verbosity(level, argv, parser.flags, json=getattr(args, "json", None) is True),
-        compiling_noted(),
+        compiling_reported(note),
     ):
         try:
             command_of(verb).run(args)

@@ -1,4 +1,4 @@
-"""The terminal: messages, the present stage, tables, interrupts, and the note on compiling."""
+"""The terminal: messages, the present stage, tables, and interrupts."""
 
 from __future__ import annotations
 
@@ -12,7 +12,6 @@ from enum import IntEnum
 from types import FrameType
 from typing import TYPE_CHECKING
 
-from edge_vpr.compile_report import compiling_reported
 from edge_vpr.errors import escaped, printable
 from edge_vpr.run_log import log_warning, logged_run
 
@@ -285,13 +284,3 @@ def _console(width: int) -> Console:
 
     silent = is_quiet() or _json[-1]
     return Console(width=None if Console().is_terminal else width, quiet=silent)
-
-
-# Note that kernels are being compiled, which takes long, or that compiled ones were damaged.
-
-
-@contextmanager
-def compiling_noted() -> Iterator[None]:
-    """Print one note when kernels are compiled within the block, or when they were damaged."""
-    with compiling_reported(note):
-        yield
