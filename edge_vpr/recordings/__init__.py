@@ -50,7 +50,6 @@ from edge_vpr.recordings.reading import (
     Source,
     TimeCrop,
     TimeUnit,
-    check_policy,
     crop_of,
     foreign_errors,
 )
@@ -241,7 +240,8 @@ def open_recording(
     >>> [chunk["t"].tolist() for chunk in later], later.start_us
     ([[10, 10]], 140)
     """
-    check_policy(on_fault)
+    if on_fault not in get_args(OnFault):
+        raise UsageError(f"on_fault {on_fault!r} is unknown: choose error or drop")
     if type(chunk_events) is not int or chunk_events < 1:
         raise UsageError(f"chunk_events {chunk_events!r} is not positive: give a number from 1")
     if time_unit not in (None, *get_args(TimeUnit)):

@@ -15,7 +15,7 @@ from dataclasses import dataclass, fields
 from fractions import Fraction
 from itertools import chain
 from pathlib import Path
-from typing import Any, Literal, NamedTuple, get_args
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -283,7 +283,6 @@ class FaultLog:
     def __init__(
         self, path: Path, sensor: Sensor, on_fault: str = "error", origin_us: int | None = None
     ) -> None:
-        check_policy(on_fault)
         self.path = path
         self.sensor = sensor
         self.drop = on_fault == "drop"
@@ -387,12 +386,6 @@ class FaultLog:
         self.faults.off_sensor += int(np.count_nonzero(~on & dated))
         self.faults.backwards += int(np.count_nonzero(on & ~good))
         return Columns(*(column[good] for column in columns))
-
-
-def check_policy(on_fault: str) -> None:
-    """Raise :class:`UsageError` unless `on_fault` is ``"error"`` or ``"drop"``."""
-    if on_fault not in get_args(OnFault):
-        raise UsageError(f"on_fault {on_fault!r} is unknown: choose error or drop")
 
 
 # Part of a recording between two moments.
