@@ -21,7 +21,11 @@ if TYPE_CHECKING:
     from rich.console import Console
     from rich.text import Text
 
+    from edge_vpr.descriptors.counting import Removed
+    from edge_vpr.descriptors.published import PublishedWindows
+    from edge_vpr.recordings import Recording
     from edge_vpr.reference_map import ReferenceMap
+    from edge_vpr.settings import Settings
 
 # Notes on standard error and summaries on standard output, depending on ``-q`` and ``-v``.
 
@@ -175,6 +179,18 @@ def places_text(reference: ReferenceMap) -> str:
     """Return the number of places of a map, and where they are if not at whole windows."""
     half = " (at half windows)" * (reference.settings.window_parts == 2)
     return f"{len(reference):,} places{half}"
+
+
+def describe_faults(recording: Recording | PublishedWindows) -> str:
+    """Return the end of a sentence on the events that were dropped; empty if there were none."""
+    return f"; dropped as faulty: {recording.faults}" if recording.faults.total else ""
+
+
+def describe_removed(removed: Removed, settings: Settings) -> str:
+    """Return what was removed as bursts, as the end of a sentence."""
+    if not settings.remove_bursts:
+        return "; bursts kept"
+    return f"; {removed.burst_events:,} events ({removed.burst_share:.1%}) removed as bursts"
 
 
 #: With fewer places, hardly any lies outside the exclusion zone of a wrong match, so that its trust

@@ -1,4 +1,4 @@
-"""Recordings: opened by the flags of the command line, read with a progress bar, and described."""
+"""Recordings: opened by the flags of the command line, and read with a progress bar."""
 
 from __future__ import annotations
 
@@ -7,12 +7,10 @@ from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
 
-from edge_vpr.descriptors.counting import Removed
 from edge_vpr.descriptors.published import PublishedWindows
 from edge_vpr.events import Events
 from edge_vpr.recordings import Recording, open_recording
 from edge_vpr.recordings.reading import NO_CAMERA, Camera, crop_of
-from edge_vpr.settings import Settings
 from edge_vpr_tools.console import is_quiet
 
 if TYPE_CHECKING:
@@ -108,15 +106,3 @@ def with_progress(
                 total=None if share is None else 1.0,
                 completed=share or 0.0,
             )
-
-
-def describe_faults(recording: Recording | PublishedWindows) -> str:
-    """Return the end of a sentence on the events that were dropped; empty if there were none."""
-    return f"; dropped as faulty: {recording.faults}" if recording.faults.total else ""
-
-
-def describe_removed(removed: Removed, settings: Settings) -> str:
-    """Return what was removed as bursts, as the end of a sentence."""
-    if not settings.remove_bursts:
-        return "; bursts kept"
-    return f"; {removed.burst_events:,} events ({removed.burst_share:.1%}) removed as bursts"

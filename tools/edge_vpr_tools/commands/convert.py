@@ -6,7 +6,7 @@ import argparse
 from pathlib import Path
 
 from edge_vpr.errors import UsageError
-from edge_vpr_tools.console import summary
+from edge_vpr_tools.console import describe_faults, summary
 from edge_vpr_tools.flags import add_reading_arguments
 
 EXAMPLES = """\
@@ -50,7 +50,7 @@ def run(args: argparse.Namespace) -> None:
     from edge_vpr.files import check_output
     from edge_vpr.recordings import write_recording
     from edge_vpr.reference_map import KIND
-    from edge_vpr_tools.inputs import describe_faults, open_from, watched
+    from edge_vpr_tools.inputs import open_from, watched
 
     check_output(args.output, [args.input])
     if archive_kind(args.input) == KIND:

@@ -11,6 +11,8 @@ from typing import TYPE_CHECKING
 
 from edge_vpr.errors import EdgeVprWarning, UsageError
 from edge_vpr_tools.console import (
+    describe_faults,
+    describe_removed,
     detail_settings,
     number_of,
     places_text,
@@ -110,7 +112,7 @@ def run(args: argparse.Namespace) -> None:
     from edge_vpr.match_result import removed_record
     from edge_vpr.reference_map import KIND, ReferenceMap
     from edge_vpr.results import json_text, run_record, to_json, write_json
-    from edge_vpr_tools.inputs import describe_faults, describe_removed, open_source, watched
+    from edge_vpr_tools.inputs import open_source, watched
 
     output = Path(args.output)
     # a map is read whole before it is written

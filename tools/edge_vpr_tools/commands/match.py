@@ -10,6 +10,8 @@ from typing import TYPE_CHECKING
 
 from edge_vpr.errors import MapError, UsageError
 from edge_vpr_tools.console import (
+    describe_faults,
+    describe_removed,
     detail_settings,
     places_text,
     print_facts,
@@ -95,7 +97,7 @@ def run(args: argparse.Namespace) -> None:
     from edge_vpr.reference_map import KIND as MAP_KIND
     from edge_vpr.reference_map import ReferenceMap
     from edge_vpr.route import length_m
-    from edge_vpr_tools.inputs import describe_faults, describe_removed, open_source, watched
+    from edge_vpr_tools.inputs import open_source, watched
     from edge_vpr_tools.report.verdict import outcome_of
 
     output = Path(args.output)
