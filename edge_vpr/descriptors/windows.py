@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -161,30 +161,14 @@ class Descriptors(EqualByValue):
 
     def to_arrays(self) -> dict[str, npt.NDArray[Any]]:
         """Return the arrays by name, for an archive; the inverse of `from_arrays`."""
-        names = (
-            "counts",
-            "start_us",
-            "end_us",
-            "events",
-            "selected",
-            "unseen",
-            "counted",
-            "summed",
-        )
-        return present(**{name: getattr(self, name) for name in names})
+        return present(**{each.name: getattr(self, each.name) for each in fields(self)})
 
     @classmethod
     def from_arrays(cls, arrays: Mapping[str, npt.NDArray[Any]]) -> Descriptors:
         """Build from named arrays, for example of a file; others are ignored."""
+        optional = {name: arrays.get(name) for name in ("selected", "unseen", "counted", "summed")}
         return cls(
-            arrays["counts"],
-            arrays["start_us"],
-            arrays["end_us"],
-            arrays["events"],
-            arrays.get("selected"),
-            arrays.get("unseen"),
-            arrays.get("counted"),
-            arrays.get("summed"),
+            arrays["counts"], arrays["start_us"], arrays["end_us"], arrays["events"], **optional
         )
 
     def take(self, windows: npt.NDArray[np.integer] | npt.NDArray[np.bool_] | slice) -> Descriptors:
