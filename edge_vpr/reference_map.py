@@ -404,8 +404,13 @@ class ReferenceMap(EqualByValue):
                     f"{by}: setting {name} = {wanted!r}, and the map was made with {own!r}: match "
                     "with the map's, or build another map"
                 )
-        self.check_table(chosen)
         matched = self.matched_with(chosen)
+        asks_for_another = chosen.stays_on_map and not self.settings.stays_on_map
+        if asks_for_another and matched.confidence is not None:
+            raise UsageError(
+                "stays_on_map=True chooses a shipped table of probabilities, and the "
+                "map has a table of its own (edge-vpr calibrate), which is used: leave it out"
+            )
         # a precision that the table cannot reach is an error before any work
         _ = matched.acceptance
         return matched
@@ -485,15 +490,6 @@ class ReferenceMap(EqualByValue):
         settings = settings.at_places_of(self.settings)
         kept = settings.of_trust == self.settings.of_trust
         return replace(self, settings=settings, confidence=self.confidence if kept else None)
-
-    def check_table(self, settings: Settings) -> None:
-        """Check that other settings for matching ask for no table in place of the map's own."""
-        asks = settings.stays_on_map and not self.settings.stays_on_map
-        if asks and self.matched_with(settings).confidence is not None:
-            raise UsageError(
-                "stays_on_map=True chooses a shipped table of probabilities, and the "
-                "map has a table of its own (edge-vpr calibrate), which is used: leave it out"
-            )
 
     def coded(self, counted: Descriptors) -> Descriptors:
         """Replace the counts of a query by the codes of this map."""
