@@ -581,7 +581,12 @@ class MatchResult:
         inputs : sequence of path
             Files that were read, for `run.json`.
         """
-        write_matched(folder, self.reference, self.matches, self.queries, inputs)
+        # a map that was read is linked
+        self.reference.save(folder / MAP, others=inputs)
+        self.matches.save(folder / MATCHES)
+        write_csv(folder / MATCHES_CSV, self.matches, self.reference.route)
+        if self.queries is not None:
+            write_queries(folder / QUERIES, self.queries)
         if self.windows is not None:
             write_queries(folder / WINDOWS, self.windows)
         left_out = removed_record(self.removed, int(self.reference.hot.sum()))
@@ -620,21 +625,6 @@ class MatchResult:
 def _shown() -> Any:
     """Return the module that draws results, one of the tools: a robot loads none of them."""
     return import_module("edge_vpr_tools.report.of_result")
-
-
-def write_matched(
-    folder: Path,
-    reference: ReferenceMap,
-    matches: Matches,
-    queries: Descriptors | None = None,
-    inputs: Sequence[str | Path] = (),
-) -> None:
-    """Write map, matches and queries into a folder of results; link a map that was read."""
-    reference.save(folder / MAP, others=inputs)
-    matches.save(folder / MATCHES)
-    write_csv(folder / MATCHES_CSV, matches, reference.route)
-    if queries is not None:
-        write_queries(folder / QUERIES, queries)
 
 
 def write_queries(path: Path, queries: Descriptors) -> None:
