@@ -1,4 +1,4 @@
-"""Maps of drives: select pixels, count the windows, code them; and the queries of another drive.
+"""Maps of drives: select pixels, count the windows, and code them.
 
 What `ReferenceMap.build` and `ReferenceMap.update` do.
 """
@@ -193,27 +193,6 @@ def describe(
             "settings.uncoded"
         )
     return saturated(count_windows(recording, pixel_map, settings), settings.most_counted)
-
-
-def describe_query(
-    reference: ReferenceMap,
-    recording: EventSource | WindowSource,
-    removed: Removed | None = None,
-) -> Descriptors:
-    """Describe a query drive in the same way as the places of a map, with its codes.
-
-    Parameters
-    ----------
-    removed : Removed, optional
-        Filled with how much the cleaning took.
-
-    Returns
-    -------
-    Descriptors
-        At least one.
-    """
-    counted = count_windows(recording, reference.pixel_map, reference.settings, removed)
-    return reference.coded(counted)
 
 
 # Making a map of a reference drive: select pixels, and make its windows places.

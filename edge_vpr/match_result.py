@@ -22,6 +22,7 @@ from edge_vpr.descriptors.counting import (
     WindowSource,
     check_sensor,
     cleaned,
+    count_windows,
     opened,
     window_of,
 )
@@ -35,7 +36,6 @@ from edge_vpr.evaluation.track_files import AnyTrack
 from edge_vpr.events import TIME_LIMIT_US
 from edge_vpr.map_making import (
     check_reading,
-    describe_query,
     loaded_track,
     odometry_of,
     of_part,
@@ -139,6 +139,27 @@ def _match_windows(
         faults_dropped=drive.faults,
     )
     return MatchResult(reference, matches, queries, metrics, removed)
+
+
+def describe_query(
+    reference: ReferenceMap,
+    recording: EventSource | WindowSource,
+    removed: Removed | None = None,
+) -> Descriptors:
+    """Describe a query drive in the same way as the places of a map, with its codes.
+
+    Parameters
+    ----------
+    removed : Removed, optional
+        Filled with how much the cleaning took.
+
+    Returns
+    -------
+    Descriptors
+        At least one.
+    """
+    counted = count_windows(recording, reference.pixel_map, reference.settings, removed)
+    return reference.coded(counted)
 
 
 def _match_events(

@@ -20,7 +20,7 @@ import pytest
 from edge_vpr_tools.cli import main
 
 from edge_vpr.events import Sensor
-from edge_vpr.map_making import describe_query
+from edge_vpr.match_result import describe_query
 from edge_vpr.matching.drive import match_descriptors
 from edge_vpr.recordings import open_recording, write_recording
 from edge_vpr.reference_map import ReferenceMap

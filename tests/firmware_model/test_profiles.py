@@ -18,7 +18,7 @@ from edge_vpr_tools.estimate.of_map import design_of, memories_of
 
 from edge_vpr.descriptors.counting import opened
 from edge_vpr.events import Events, Sensor
-from edge_vpr.map_making import describe_query
+from edge_vpr.match_result import describe_query
 from edge_vpr.matching.drive import match_descriptors
 from edge_vpr.online.localiser import Localiser
 from edge_vpr.online.schedule import MatchSchedule

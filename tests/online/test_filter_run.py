@@ -13,7 +13,7 @@ from numba import config
 from edge_vpr.descriptors.counting import opened
 from edge_vpr.errors import UsageError
 from edge_vpr.events import join_events, make_events
-from edge_vpr.map_making import describe_query
+from edge_vpr.match_result import describe_query
 from edge_vpr.matching.drive import match_query
 from edge_vpr.odometry import Odometry
 from edge_vpr.online.localiser import Localiser

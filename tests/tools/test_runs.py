@@ -18,8 +18,7 @@ from edge_vpr_tools.truth_files import TruthFiles
 from numba.core import event
 
 from edge_vpr.compile_report import COMPILING
-from edge_vpr.map_making import describe_query
-from edge_vpr.match_result import MatchResult
+from edge_vpr.match_result import MatchResult, describe_query
 from edge_vpr.matching.drive import match_query
 from edge_vpr.recordings import open_recording
 from edge_vpr.reference_map import ReferenceMap

@@ -22,8 +22,7 @@ from edge_vpr.descriptors.windows import Descriptors
 from edge_vpr.errors import EdgeVprWarning, UsageError
 from edge_vpr.evaluation.ground_truth import TruePositions
 from edge_vpr.files import replacing
-from edge_vpr.map_making import describe_query
-from edge_vpr.match_result import MatchResult
+from edge_vpr.match_result import MatchResult, describe_query
 from edge_vpr.matching.drive import query_distances
 from edge_vpr.matching.matches import Matches
 from edge_vpr.matching.sequences import middle_window
