@@ -256,7 +256,7 @@ def open_recording(
     crop = crop_of(start, end)
     size = None if sensor is None else Sensor.of(sensor)
     options = ReadOptions("", size, period, default, chunk_events, topic, time_unit, columns)
-    if is_event_data(path):
+    if not isinstance(path, str | Path) and is_event_data(path):
         recording = Recording(MemorySource(path, replace(options, format=MEMORY)), on_fault)
     else:
         path = as_path(path, "a recording")
