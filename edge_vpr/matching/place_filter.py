@@ -19,7 +19,7 @@ import numpy as np
 import numpy.typing as npt
 
 from edge_vpr.archive import Arrays
-from edge_vpr.compiling import kernel
+from edge_vpr.compiling import kernel, plain
 from edge_vpr.descriptors.windows import (
     ACTIVITY_FRACTION_BITS,
     Descriptors,
@@ -458,13 +458,14 @@ class PlaceFilter:
         #: number of sums of windows whose distances the filter takes
         self.sums = len(SUMS) if several else 1
         numbers = np.zeros(2, dtype=NUMBERS)
-        log = log_activity.py_func if hasattr(log_activity, "py_func") else log_activity
         set_numbers(
             numbers,
             BEFORE_FIRST
             | {
                 "mean_activity": mean_activity,
-                "mean_log": log(mean_activity >> ACTIVITY_FRACTION_BITS) if several else -1,
+                "mean_log": plain(log_activity)(mean_activity >> ACTIVITY_FRACTION_BITS)
+                if several
+                else -1,
                 "patience": patience,
                 "gain": SAME_GAIN if several else 0,
             },
