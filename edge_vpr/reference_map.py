@@ -371,29 +371,23 @@ class ReferenceMap(EqualByValue):
         """
         from edge_vpr.online.localiser import Localiser
 
-        return Localiser(self.changed(changes, "localiser", settings), every=every)
-
-    def changed(
-        self, changes: Mapping[str, Any], by: str, settings: Settings | None = None
-    ) -> ReferenceMap:
-        """Return the map with other settings of matching, which need no windows after the match.
-
-        Parameters
-        ----------
-        changes : dict
-            Single settings, by name.
-        by : str
-            Who asks, for error messages.
-        settings : Settings, optional
-            Settings that the changes are made to instead of the map's.
-        """
-        check_causal(changes, by)
-        return self.with_settings(settings, changes, by).causal()
+        check_causal(changes, "localiser")
+        return Localiser(self.with_settings(settings, changes, "localiser"), every=every)
 
     def with_settings(
         self, settings: Settings | None, changes: Mapping[str, Any], by: str
     ) -> ReferenceMap:
-        """Return the map with other settings of matching, see `changed`; also to smooth by."""
+        """Return the map with other settings of matching.
+
+        Parameters
+        ----------
+        settings : Settings, optional
+            Settings that the changes are made to instead of the map's.
+        changes : dict
+            Single settings, by name.
+        by : str
+            Who asks, for error messages.
+        """
         if settings is not None:
             expect(settings, Settings, "settings", "Settings, or keywords such as precision=0.99")
         chosen = (settings or self.settings).at_places_of(self.settings).replaced(changes, by)

@@ -28,7 +28,7 @@ from edge_vpr.live.stream_matcher import LiveResult, StreamMatcher
 from edge_vpr.live.watches import SILENT_S, LagWatch, LineWatch, MisfitWatch
 from edge_vpr.matching.match import Match, heartbeat
 from edge_vpr.online.schedule import MatchSchedule
-from edge_vpr.reference_map import ReferenceMap
+from edge_vpr.reference_map import ReferenceMap, check_causal
 from edge_vpr.settings import (
     MatchingChanges,
     PartName,
@@ -183,7 +183,8 @@ class LiveSession:
         if route_map is None and changes:
             raise UsageError(f"{', '.join(changes)}: nothing is matched without reference=")
         if route_map is not None and changes:
-            route_map = route_map.changed(changes, "LiveSession")
+            check_causal(changes, "LiveSession")
+            route_map = route_map.with_settings(None, changes, "LiveSession")
         self.reference = None if route_map is None else route_map.causal()
         self.sensor = _sensor_of(sensor, route_map)
         self._protocol = protocol

@@ -458,14 +458,13 @@ class PlaceFilter:
         #: number of sums of windows whose distances the filter takes
         self.sums = len(SUMS) if several else 1
         numbers = np.zeros(2, dtype=NUMBERS)
+        log = plain(log_activity)(mean_activity >> ACTIVITY_FRACTION_BITS)
         set_numbers(
             numbers,
             BEFORE_FIRST
             | {
                 "mean_activity": mean_activity,
-                "mean_log": plain(log_activity)(mean_activity >> ACTIVITY_FRACTION_BITS)
-                if several
-                else -1,
+                "mean_log": log if several else -1,
                 "patience": patience,
                 "gain": SAME_GAIN if several else 0,
             },

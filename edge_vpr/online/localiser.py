@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import asdict, replace
+from dataclasses import asdict
 
 import numpy as np
 import numpy.typing as npt
@@ -102,8 +102,8 @@ class Localiser:
         expect(
             reference, ReferenceMap, "reference", "a ReferenceMap, as of ReferenceMap.load(path)"
         )
-        if reference.settings.smooth:  # which needs later windows
-            reference = reference.matched_with(replace(reference.settings, smooth=False))
+        if reference.settings.smooth:
+            reference = reference.causal()
         self.settings = settings = reference.settings
         if settings.profile is None:
             raise UsageError(settings.beyond_profile)
