@@ -533,9 +533,9 @@ def opened(
         If the file cannot be read.
     """
     drive: Any = recording  # the tests below are not those of its type
-    if isinstance(drive, str | Path) or is_event_data(drive):
-        return open_recording(drive, sensor=sensor, default=default)
     if not isinstance(drive, EventSource | WindowSource):
+        if isinstance(drive, str | Path) or is_event_data(drive):
+            return open_recording(drive, sensor=sensor, default=default)
         if not (hasattr(drive, "sensor") and hasattr(drive, "__iter__")):
             raise UsageError(
                 f"the recording is {kind_of(recording)}: give a path, events, what open_recording "
