@@ -287,6 +287,11 @@ class Design:
         """Memory words of a descriptor, with P codes in each; the last one is filled with zeros."""
         return -(-self.slots // self.lanes)
 
+    @property
+    def numbers(self) -> dict[str, int]:
+        """The parameters that are numbers, by name."""
+        return {name: getattr(self, name) for name in _RANGES}
+
     def to_dict(self) -> dict[str, Any]:
         """Plain values, for JSON and TOML."""
         return asdict(self)

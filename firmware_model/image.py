@@ -193,33 +193,21 @@ def sealed(data: bytes) -> bytes:
 
 def _header(design: Design) -> dict[int, int]:
     """Return the words of a design, without those that depend on the tables' contents."""
-    by_time = design.window == "time"
+    by_time, numbers = design.window == "time", design.numbers
     header: dict[int, int] = {
+        word: numbers[word.name.lower()] for word in Word if word.name.lower() in numbers
+    }
+    header |= {
         Word.MAGIC: MAGIC,
         Word.VERSION: VERSION,
-        Word.WIDTH: design.width,
-        Word.HEIGHT: design.height,
-        Word.PIXELS: design.pixels,
         Word.STRIDE: stride(design),
-        Word.CODE_BITS: design.code_bits,
         Word.CONTRAST: int(design.contrast),
-        Word.PLACES: design.places,
-        Word.LENGTH: design.length,
-        Word.EXCLUSION: design.exclusion,
         Word.WINDOW_KIND: 0 if by_time else 1,
         Word.WINDOW: design.tau_us if by_time else design.window_events,
-        Word.TIMESTAMP_BITS: design.timestamp_bits,
-        Word.LARGEST_SUM: 0 if design.filters else design.largest_sum,
-        Word.LOOKUP_DEPTH: design.lookup_depth,
+        Word.RESTART: design.restart << FRACTION_BITS,
     }
-    if design.filters:
-        header |= {
-            Word.PLACES_PER_WINDOW: design.places_per_window,
-            Word.RESTART: design.restart << FRACTION_BITS,
-            Word.TRUST: design.trust,
-            Word.GAINS: design.gains,
-        }
-    return header
+    of_others = (Word.PLACES_PER_WINDOW, Word.RESTART, Word.TRUST, Word.GAINS)
+    return header | dict.fromkeys((Word.LARGEST_SUM,) if design.filters else of_others, 0)
 
 
 def page() -> str:
