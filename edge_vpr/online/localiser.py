@@ -124,7 +124,6 @@ class Localiser:
         if settings.matching == "filter":
             self._filter = PlaceFilter.of(reference.places, settings, reference.along_mm)
             self.odometer = Odometer(self._filter.transitions.spacing_mm)
-            self.odometer_check = OdometerCheck()
             assert reference.mean is not None
             self.means = [RunningMean(reference.mean) for _ in range(self._filter.sums)]
         self._hold(state_before(reference, self.every, self._filter))
