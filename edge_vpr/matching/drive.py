@@ -19,7 +19,7 @@ from edge_vpr.matching.distances import BLOCK_DISTANCES, ReferenceIndex
 from edge_vpr.matching.match import MATCH_DTYPE
 from edge_vpr.matching.matches import CANDIDATES, Matches
 from edge_vpr.matching.place_filter import PlaceFilter, WindowRows
-from edge_vpr.matching.prediction import Metrics, Travelled, check_no_odometry
+from edge_vpr.matching.prediction import Metrics, Travelled, odometry_of_sequences
 from edge_vpr.matching.search import nearest_places
 from edge_vpr.matching.sequences import match_by_sequences, sequence_distances
 from edge_vpr.matching.smoothing import BackwardPass, runs
@@ -295,7 +295,8 @@ def match_descriptors(
         place_filter = PlaceFilter.of(places, settings, along_mm)
         index = ReferenceIndex(places.counts)
         return match_by_filter(place_filter, index, queries, settings, acceptance, odometry)
-    check_no_odometry(odometry is not None)
+    if odometry is not None:
+        raise odometry_of_sequences()
     return match_by_sequences(places, queries, settings, acceptance)
 
 
@@ -394,5 +395,6 @@ def drive_distances(
             queries, odometry, smooth=settings.smooth, metrics=out,
         )  # fmt: skip
         return out
-    check_no_odometry(odometry is not None)
+    if odometry is not None:
+        raise odometry_of_sequences()
     return sequence_distances(places, queries, settings.sequence_length)

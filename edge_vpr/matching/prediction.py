@@ -474,13 +474,12 @@ class Transitions:
         return self._along
 
 
-def check_no_odometry(odometry: bool) -> None:
-    """Raise UsageError if there is odometry, which sequences do not use."""
-    if odometry:
-        raise UsageError(
-            "odometry is for the place filter, and sequences do not use it: match with "
-            "matching='filter'"
-        )
+def odometry_of_sequences() -> UsageError:
+    """Return the error of odometry that is given for sequences, which do not use it."""
+    return UsageError(
+        "odometry is for the place filter, and sequences do not use it: match with "
+        "matching='filter'"
+    )
 
 
 def check_activity(place_activity: npt.NDArray[np.integer], places: int) -> None:

@@ -23,7 +23,7 @@ from edge_vpr.events import (
 )
 from edge_vpr.matching.match import MATCH_DTYPE, NO_MATCHES, MatchRows, join_matches
 from edge_vpr.matching.place_filter import PlaceFilter
-from edge_vpr.matching.prediction import check_no_odometry
+from edge_vpr.matching.prediction import odometry_of_sequences
 from edge_vpr.odometry import MOST_MM, Odometer, OdometerCheck
 from edge_vpr.online.kernels import (
     DONE,
@@ -277,8 +277,7 @@ class Localiser:
             Matches scheduled by then.
         """
         if self._filter is None:
-            check_no_odometry(odometry=True)
-            return NO_MATCHES
+            raise odometry_of_sequences()
         expect(time_us, (int, np.integer), "time_us", "whole microseconds")
         expect(distance_m, (int, float, np.number), "distance_m", "metres as a number")
         if not abs(distance_m) * 1e3 <= MOST_MM:
