@@ -178,7 +178,7 @@ def read_archive(path: str | Path, kind: str) -> tuple[Arrays, dict[str, Any]]:
     """
     path = as_path(path, f"a {kind}")
     with archive_errors(path, f"it is not a readable {kind}, make it again", kind):
-        arrays = {} if _is_foreign(path) else read_members(path)
+        arrays = read_members(path, holding=_HEADER)
     header = arrays.pop(_HEADER, None)
     if header is None or header.shape != () or header.dtype.kind != "U":
         raise MapError(f"{path} is not a {kind} of edge-vpr: name a file that edge-vpr wrote")
@@ -201,17 +201,13 @@ def read_archive(path: str | Path, kind: str) -> tuple[Arrays, dict[str, Any]]:
     return arrays, meta
 
 
-def _is_foreign(path: str | Path) -> bool:
-    """Return whether a file is not an archive of ours, for example a recording."""
-    with open_input(path) as file:
-        if file.read(2) != b"PK":
-            return True
-        with zipfile.ZipFile(file) as archive:
-            return f"{_HEADER}.npy" not in archive.namelist()
-
-
-def read_members(path: str | Path) -> Arrays:
+def read_members(path: str | Path, holding: str | None = None) -> Arrays:
     """Read the arrays of an ``.npz``; announced sizes are checked before memory is allocated.
+
+    Parameters
+    ----------
+    holding : str, optional
+        Nothing is read of a file without this array, for example a recording.
 
     Returns
     -------
@@ -226,8 +222,13 @@ def read_members(path: str | Path) -> Arrays:
     Exception
         Whatever the libraries raise for a broken file: see `archive_errors`.
     """
-    with open_input(path) as file, zipfile.ZipFile(file) as archive:
+    with open_input(path) as file:
+        if holding is not None and file.read(2) != b"PK":
+            return {}
+        archive = zipfile.ZipFile(file)
         members = archive.infolist()
+        if holding is not None and f"{holding}.npy" not in archive.namelist():
+            return {}
         announced = sum(member.file_size for member in members)
         allowed = max(MEMORY_BYTES, MOST_COMPRESSION * os.fstat(file.fileno()).st_size)
         if announced > allowed:
