@@ -107,15 +107,20 @@ def test_sentences_of_results_are_those_of_their_files():
 
     judged = {how: rows_of("calibration.csv", matching=how) for how in ("live", "smoothed")}
     later = {
-        how: means_by("map", "precision from one window after a change on", [
-            row for row in rows if row["map"] in ("all six", "a piece cut out")
-        ])
+        how: means_by("map", "precision from one window after a change on", rows)
         for how, rows in judged.items()
     }  # fmt: skip
     live, smoothed = (later[how]["all six"] for how in judged)
     assert f"{live:.3f} of the accepted live matches are right, and {smoothed:.3f} of the" in text
     live, smoothed = (later[how]["a piece cut out"] for how in judged)
     assert f"it fails: {live:.3f} of either are right" in text and abs(live - smoothed) < 0.001
+    assert f"is carried off, with {later['live']['carried off twice']:.3f}" in text
+    assert f"fixed number, with {later['live']['all six, windows of a fixed number']:.3f}" in text
+    of_time = [
+        float(row["precision from one window after a change on"])
+        for row in judged["live"] if row["map"] == "all six, windows of a fixed time"
+    ]  # fmt: skip
+    assert f"with {min(of_time):.3f} to {max(of_time):.3f} on each of the five streets" in text
     kinds = "whole", "a piece cut out", "a detour", "carried off twice"
     least = min(
         means_by("map", "precision", rows)[kind] for rows in judged.values() for kind in kinds

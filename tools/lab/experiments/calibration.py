@@ -223,8 +223,11 @@ def _in_parts(mapped: ReferenceMap, parts: int, drive: SimulatedRecording) -> De
 
 WHOLE, CUT, DETOUR, CARRIED = "whole", "a piece cut out", "a detour", "carried off twice"
 BACKWARDS, ANOTHER = "backwards", "another route"
-#: row of all of these together
+#: row of all of these together, and of those with each kind of windows
 POOLED = "all six"
+POOLED_BY = {
+    "time": "all six, windows of a fixed time", "count": "all six, windows of a fixed number",
+}  # fmt: skip
 
 
 def versions_of(
@@ -437,17 +440,20 @@ def evaluate_tables(
     switched_on : sequence of str
         Those by which whole drives are also matched from the middle of the route on.
     pooled : sequence of str
-        Versions that are evaluated together too, in a further row.
+        Versions that are evaluated together too, in further rows: all, and by kind of windows.
     """
     learnt_on = "streets of seeds {} to {}".format(*learnt_seeds())
     for name in matchings:
         table, on_map = (default_confidence(name == SMOOTHED, stays) for stays in (False, True))
-        together: list[Sample] = []
+        together: dict[str, list[Sample]] = {POOLED: []}
         for version, pairs in versions.items():
             changed = [pair.with_settings(MATCHINGS[name]) for pair in pairs]
             row = {"map": version, "matching": name, LEARNT_ON: learnt_on}
             samples = [sample(pair) for pair in changed]
-            together += samples if version in pooled else []
+            if version in pooled:
+                together[POOLED] += samples
+                for pair, one in zip(pairs, samples, strict=True):
+                    together.setdefault(POOLED_BY[pair.reference.settings.window], []).append(one)
             stays = _if_on_map(figures_of_table(on_map, samples)) if name == LIVE else {}
             yield {**row, **figures_of_table(table, samples), **stays}
             if version == WHOLE and name in switched_on:
@@ -455,9 +461,9 @@ def evaluate_tables(
                 first = partial(first_matches, changed)
                 stays = _if_on_map(first(partial(_accepted, on_map))) if name == LIVE else {}
                 yield {**row, **first(partial(_accepted, table)), **stays}
-        if together:
-            row = {"map": POOLED, "matching": name, LEARNT_ON: learnt_on}
-            yield {**row, **figures_of_table(table, together)}
+        for kind, samples in together.items() if pooled else ():
+            row = {"map": kind, "matching": name, LEARNT_ON: learnt_on}
+            yield {**row, **figures_of_table(table, samples)}
 
 
 def _accepted(table: Confidence, matches: Matches) -> npt.NDArray[np.bool_]:
