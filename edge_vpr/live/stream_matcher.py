@@ -52,8 +52,6 @@ class StreamMatcher:
     ----------
     localiser : Localiser or None
         Has the state of matching; None without a map.
-    odometer_check : OdometerCheck
-        Findings about the robot's odometer.
     """
 
     def __init__(
@@ -71,7 +69,7 @@ class StreamMatcher:
         self._time = 0  # time that the localiser has reached
         self._dropped = False  # whether the host dropped bytes since the newest event
         self._away = False  # whether the link was lost, or the program, since then
-        self.odometer_check = OdometerCheck()
+        self._odometer_check = OdometerCheck()  # without a map
         if reference is None:
             return
         sensor, settings = reference.pixel_map.sensor, reference.settings
@@ -81,7 +79,6 @@ class StreamMatcher:
                 "use the map of this camera"
             )
         self.localiser = Localiser(reference, every=every)
-        self.odometer_check = self.localiser.odometer_check
         self._position, self._locator = PathPosition(settings), Locator(reference)
         # longest time that is matched in one step
         self._most_us = MOST_TICKS * self.localiser.every.interval_us or _NEVER_US
@@ -89,6 +86,11 @@ class StreamMatcher:
         self._windows = settings.windows_per_match
         span_us = settings.tau_us if settings.window == "time" else _MOST_LOSS_US
         self._horizon_us = (self._windows + 1) * span_us
+
+    @property
+    def odometer_check(self) -> OdometerCheck:
+        """Findings about the robot's odometer."""
+        return self._odometer_check if self.localiser is None else self.localiser.odometer_check
 
     @property
     def bursts_removed(self) -> int:
@@ -189,7 +191,6 @@ class StreamMatcher:
             With the arrays of `to_state`.
         """
         self.localiser, self._time = localiser, values["time_us"]
-        self.odometer_check = localiser.odometer_check
         self._position.resume(values["position"])
         self.decoder.timestamps.resume(values["clock"], passed_us)
         # what was missed is of unknown size
