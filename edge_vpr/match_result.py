@@ -394,6 +394,12 @@ class MatchResult:
         if self.matches.settings.matching == "filter":
             unlike = int(np.count_nonzero(self.matches.misfit >= OFF_MAP_MISFIT))
             lines["views"] = f"{unlike:,} of {len(self):,} matches look unlike the map"
+        if windows is not None and windows.counted is not None and windows.selected_events.any():
+            beyond = 1 - windows.counted.sum() / windows.selected_events.sum()
+            lines["pixels"] = (
+                f"{beyond:.1%} of the events at the selected pixels are beyond the map's limits, as of "
+                "a hot pixel or a lamp"
+            )
         return lines
 
     def evaluate(

@@ -19,7 +19,7 @@ from edge_vpr_tools.live_view import row_of
 
 import edge_vpr as ev
 from edge_vpr.errors import EdgeVprError, UsageError
-from edge_vpr.events import join_events
+from edge_vpr.events import join_events, make_events
 from edge_vpr.live.protocols import open_encoder
 from edge_vpr.live.session import LiveSession
 from edge_vpr.matching.match import MATCH_DTYPE
@@ -210,6 +210,24 @@ def test_another_street_shows_in_the_facts():
     told = re.fullmatch(r"(\d+) of (\d+) matches look unlike the map", result.facts()["views"])
     assert told is not None
     assert int(told[1]) > 0.25 * int(told[2]) and int(told[2]) == len(result)
+
+
+@pytest.mark.parametrize("how", [{}, {"smooth": False}, {"every": "window"}])
+def test_a_pixel_that_has_become_hot_is_a_fact_of_the_drive(how):
+    first, second = simulate_pair(0, "tiny", length_m=60)
+    route = ev.ReferenceMap.build(first, pixels=50)
+    events = join_events(list(second))
+    x, y = int(route.pixel_map.x[3]), int(route.pixel_map.y[3])
+    times = np.arange(0, int(events.t[-1]), 1_000)  # 1,000 events/s
+    hot = make_events(times, np.full(times.size, x), np.full(times.size, y))
+    both = join_events([events, hot])
+    both = both[np.argsort(both.t, kind="stable")]
+    before, after = (
+        float(route.match(each, **how).facts()["pixels"].partition("%")[0])
+        for each in (events, both)
+    )
+    selected = route.match(both).queries.selected_events.sum()
+    assert before < 20 and after > 90 * times.size / selected
 
 
 def test_a_time_without_any_event_is_a_fact_of_the_drive(route):

@@ -16,6 +16,7 @@ import numpy.typing as npt
 from edge_vpr_tools.commands.map import fitting_window
 from edge_vpr_tools.report.tables import TableView
 
+from edge_vpr.descriptors.pixels import PixelMap
 from edge_vpr.descriptors.windows import Descriptors, narrow
 from edge_vpr.evaluation.ground_truth import GroundTruth
 from edge_vpr.reference_map import ReferenceMap
@@ -32,13 +33,13 @@ PRECISION = 0.99
 #: seeds of the streets that are on no map
 ELSEWHERE = range(200, 240)
 TROUBLE, GAINS, MATCHING = "trouble", "gains", "matching"
-#: changes of the counts of a drive, by pixels: counts (n, J), rows of the sensor (J,), generator
+#: changes of the counts (n, J) of a drive at the pixels of a map
 Counts = npt.NDArray[np.int64]
-Change = Callable[[Counts, Counts, np.random.Generator], Counts]
+Change = Callable[[Counts, PixelMap, np.random.Generator], Counts]
 
 
 def _hot(pixels: int) -> Change:
-    def change(counts: Counts, rows: Counts, rng: np.random.Generator) -> Counts:
+    def change(counts: Counts, at: PixelMap, rng: np.random.Generator) -> Counts:
         changed, hot = counts.copy(), rng.choice(counts.shape[1], pixels, replace=False)
         changed[:, hot] += rng.poisson(200, (len(counts), pixels))
         return changed
@@ -46,23 +47,49 @@ def _hot(pixels: int) -> Change:
     return change
 
 
-def _noise(counts: Counts, rows: Counts, rng: np.random.Generator) -> Counts:
+def _noise(counts: Counts, at: PixelMap, rng: np.random.Generator) -> Counts:
     return counts + rng.poisson(2, counts.shape)
 
 
-def _lamp(counts: Counts, rows: Counts, rng: np.random.Generator) -> Counts:
-    upper = rows < 0.15 * (rows.max() + 1)
+def _lamp(counts: Counts, at: PixelMap, rng: np.random.Generator) -> Counts:
+    upper = at.y < 0.15 * (at.y.max() + 1)
     return counts + upper * rng.poisson(20, counts.shape)
 
 
-def _lost(counts: Counts, rows: Counts, rng: np.random.Generator) -> Counts:
+def _lost(counts: Counts, at: PixelMap, rng: np.random.Generator) -> Counts:
     return rng.binomial(counts, 0.5)
 
 
-def _dead(counts: Counts, rows: Counts, rng: np.random.Generator) -> Counts:
+def _dead(counts: Counts, at: PixelMap, rng: np.random.Generator) -> Counts:
     changed = counts.copy()
     changed[:, rng.choice(counts.shape[1], counts.shape[1] * 3 // 10, replace=False)] = 0
     return changed
+
+
+def _crossing(width: int, height: int) -> Change:
+    """Return what something of this size does that crosses the image in 4 of every 10 windows.
+
+    It hides what is behind it, and each pixel that it passes has some 40 events of its own.
+    """
+
+    def change(counts: Counts, at: PixelMap, rng: np.random.Generator) -> Counts:
+        changed, per_window = counts.copy(), (at.sensor.width + width) / 4
+        middle = 0.6 * at.sensor.height
+        seen = max(1 - width / per_window, 0.0)
+        for i in range(len(counts)):
+            left = per_window * (i % 10) - width
+            passed = (at.x >= left) & (at.x < left + per_window + width) & (i % 10 < 4)
+            passed &= np.abs(at.y - middle) <= height / 2
+            changed[i, passed] = rng.binomial(counts[i, passed], seen) + rng.poisson(
+                40, passed.sum()
+            )
+        return changed
+
+    return change
+
+
+def _gaps(counts: Counts, at: PixelMap, rng: np.random.Generator) -> Counts:
+    return counts * (np.arange(len(counts)) % 10 >= 2)[:, None]
 
 
 FAULTS: Mapping[str, Change] = {
@@ -72,6 +99,9 @@ FAULTS: Mapping[str, Change] = {
     "a lamp flickers in the upper 15 %, 20 events/s": _lamp,
     "half of the events are lost at random": _lost,
     "30 % of the pixels are dead": _dead,
+    "a vehicle of 60 x 50 pixels crosses in 4 s of every 10": _crossing(60, 50),
+    "a pedestrian of 12 x 40 pixels crosses in 4 s of every 10": _crossing(12, 40),
+    "the events of 2 s of every 10 are lost": _gaps,
 }
 
 
@@ -84,10 +114,11 @@ def troubled(seed: int) -> Iterator[tuple[str, list[MappedPair]]]:
         pair = MappedPair.of(route, drive, truth_of_pair(reference, drive))
         yield name.removeprefix("street, "), [pair]
         if name == "street":
-            counts, rows = pair.counted.counts.astype(np.int64), route.pixel_map.y.astype(np.int64)
+            counts = pair.counted.counts.astype(np.int64)
             for fault, change in FAULTS.items():
                 rng = np.random.default_rng((seed, len(fault)))
-                yield fault, [replace(pair, counted=_with(pair.counted, change(counts, rows, rng)))]
+                changed = change(counts, route.pixel_map, rng)
+                yield fault, [replace(pair, counted=_with(pair.counted, changed))]
     yield from _slowly(seed)
     away = [MappedPair.of(route, simulate_pair(other)[1], _nowhere) for other in ELSEWHERE]
     yield f"{len(away)} other streets", away
