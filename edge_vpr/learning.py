@@ -41,7 +41,7 @@ MOST_DRIVES = 4
 LEAST_ALIGNED = 0.5
 #: a drive is refused too unless this share of its smoothed matches has this probability: a short
 #: drive of another route agrees with the map by chance
-LEAST_CERTAIN, CERTAIN = 0.1, 0.9
+LEAST_CERTAIN, CERTAIN = 0.1, 0.8
 #: A drive that shows less of the places at which the map's drive moved is refused: its light would
 #: be that of the learnt places alone, and draw matches of the others to them. A place is shown if
 #: one in its exclusion zone is.

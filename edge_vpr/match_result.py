@@ -397,8 +397,8 @@ class MatchResult:
         if windows is not None and windows.counted is not None and windows.selected_events.any():
             beyond = 1 - windows.counted.sum() / windows.selected_events.sum()
             lines["pixels"] = (
-                f"{beyond:.1%} of the events at the selected pixels are beyond the map's limits, as of "
-                "a hot pixel or a lamp"
+                f"{beyond:.1%} of the events at the selected pixels are beyond the map's limits, "
+                "as of a hot pixel or a lamp"
             )
         return lines
 
