@@ -26,7 +26,8 @@ from edge_vpr.files import open_input, replacing
 
 Arrays = dict[str, npt.NDArray[Any]]
 
-SCHEMA_VERSION = 4
+#: raised by a change of what is stored, or of what it means, as the scale of the trust
+SCHEMA_VERSION = 5
 #: Largest memory of an archive, in bytes and as a multiple of its file size; the larger one holds.
 #: Real counts compress to a thirtieth at most.
 MEMORY_BYTES = 128 << 20

@@ -29,8 +29,6 @@ LIVE, SMOOTHED = "live", "smoothed"
 #: that never do.
 TABLES, LIVE_ON_MAP = "tables", "live_on_map"
 MOST_STEPS = 4_096
-#: Version of the rule for the trust of the place filter; tables of other versions are invalid.
-TRUST_RULE = 9
 #: Largest trust of the place filter (9 bits); a unit of misfit counts as 4 units of trust.
 TRUST_TOP, MISFIT_SHIFT = 368, 2
 #: misfit of matches by sequences, for which it is unknown

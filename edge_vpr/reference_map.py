@@ -6,7 +6,6 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from fractions import Fraction
@@ -25,12 +24,12 @@ from edge_vpr.archive import (
     read_archive,
     write_archive,
 )
-from edge_vpr.confidence import TRUST_RULE, Acceptance, Confidence
+from edge_vpr.confidence import Acceptance, Confidence
 from edge_vpr.descriptors.codes import counted_events, encode_own, encode_running, saturated
 from edge_vpr.descriptors.counting import AnyRecording, Removed
 from edge_vpr.descriptors.pixels import PixelMap
 from edge_vpr.descriptors.windows import Descriptors, activity_of_drive, check_descriptors, narrow
-from edge_vpr.errors import EdgeVprWarning, MapError, UsageError, expect
+from edge_vpr.errors import MapError, UsageError, expect
 from edge_vpr.events import Sensor, SensorSize
 from edge_vpr.odometry import MOST_MM, Odometry
 from edge_vpr.recordings.reading import Camera
@@ -239,7 +238,7 @@ class ReferenceMap(EqualByValue):
         Warns
         -----
         EdgeVprWarning
-            For each reason to doubt the unit of the recording's times, or the settings.
+            If the recording has events at fewer pixels than `pixels` asks for.
 
         Examples
         --------
@@ -284,8 +283,8 @@ class ReferenceMap(EqualByValue):
         Returns
         -------
         MapUpdate
-            Its `reference` is the new map; it also tells which windows could not be aligned and
-            which places look different, and its `warnings` why the new map may be worse.
+            Its `reference` is the new map; it also tells which windows could be aligned, and which
+            places were learnt.
 
         Raises
         ------
@@ -561,7 +560,6 @@ class ReferenceMap(EqualByValue):
         }
         if self.confidence is not None:
             arrays |= self.confidence.to_arrays()
-            meta["trust_rule"] = TRUST_RULE
         if self.route is not None:
             arrays |= self.route.to_arrays()
             meta["position_kind"] = self.route.kind
@@ -577,9 +575,6 @@ class ReferenceMap(EqualByValue):
     def load(cls, path: str | Path) -> ReferenceMap:
         """Read a saved map.
 
-        A table of probabilities that an earlier version has learnt for the place filter is not
-        used, because its trust had another scale. A warning says so.
-
         Raises
         ------
         MapError
@@ -587,7 +582,7 @@ class ReferenceMap(EqualByValue):
         """
         arrays, meta = read_archive(path, KIND)
         with archive_errors(path, "make the map again"):
-            loaded = cls(
+            return cls(
                 settings=Settings.from_dict(meta["settings"]),
                 pixel_map=PixelMap(Sensor(*meta["sensor"]), arrays["pixel_x"], arrays["pixel_y"]),
                 places=Descriptors.from_arrays(arrays),
@@ -600,16 +595,6 @@ class ReferenceMap(EqualByValue):
                 clock_us=meta.get("clock_us", 0),
                 **{name: arrays.get(name) for name in _OPTIONAL},
             )
-        earlier = loaded.settings.matching == "filter" and meta.get("trust_rule") != TRUST_RULE
-        if loaded.confidence is None or not earlier:
-            return loaded
-        warnings.warn(
-            f"{path}: its probabilities were learnt by an earlier version, with another scale of "
-            "trust; the shipped ones are used: calibrate it again (edge-vpr calibrate)",
-            EdgeVprWarning,
-            stacklevel=2,
-        )
-        return replace(loaded, confidence=None)
 
 
 @dataclass(frozen=True, kw_only=True)

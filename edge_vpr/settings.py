@@ -663,16 +663,7 @@ class Settings:
 
     @classmethod
     def from_dict(cls, values: Mapping[str, Any], source: str = "settings") -> Settings:
-        """Build settings from plain values, also of a file in which two settings name the code."""
-        if "counter_scaling" in values:
-            kept = dict(values)
-            code = kept.get("counter_code"), kept.pop("counter_scaling")
-            if code not in _EARLIER_CODES:
-                raise UsageError(
-                    f"{source}: counter_code = {code[0]} with counter_scaling = {code[1]} was a "
-                    "code of earlier versions"
-                )
-            values = {**kept, "counter_code": _EARLIER_CODES[code]}
+        """Build settings from plain values."""
         return cls().replaced(values, source)
 
     def replaced(self, values: Mapping[str, Any], source: str) -> Settings:
@@ -690,14 +681,6 @@ class Settings:
             return replace(self, **by_name)
         except UsageError as error:
             raise UsageError(f"{source}: {error}") from None
-
-
-#: today's codes, by the two settings that named them in files
-_EARLIER_CODES: Mapping[tuple[object, object], CounterCode] = {
-    ("none", "shared"): "none",
-    ("linear", "shared"): "linear",
-    ("log", "contrast"): "contrast",
-}
 
 
 class MatchingChanges(TypedDict, total=False):

@@ -462,24 +462,6 @@ def test_a_window_that_holds_a_change_has_the_truth_of_its_end():
     assert np.flatnonzero(sample(cut).changes).tolist() == [2, 4]
 
 
-@pytest.mark.parametrize("matching", ["filter", "sequence"])
-def test_a_table_of_an_earlier_rule_of_trust_is_not_used(tmp_path, monkeypatch, matching):
-    """That of sequences is, as their margin has the scale that it had."""
-    settings = CODED.replaced({"matching": matching, "sequence_length": 1}, "test")
-    reference = a_map(settings, confidence=table((0, 0.25, 8)))
-    path = tmp_path / "map.npz"
-    reference.save(path)
-    assert ReferenceMap.load(path).confidence is not None
-    monkeypatch.setattr("edge_vpr.reference_map.TRUST_RULE", 1)
-    reference.save(path, overwrite=True)
-    monkeypatch.undo()
-    if matching == "sequence":
-        assert ReferenceMap.load(path).confidence is not None
-        return
-    with pytest.warns(UserWarning, match="learnt by an earlier version"):
-        assert ReferenceMap.load(path).confidence is None
-
-
 @given(trust=st.integers(0, 2**31), misfit=st.integers(-1, 1_000))
 def test_net_trust_is_that_of_the_oracle(trust, misfit):
     net = net_trust(np.array([trust]), np.array([misfit]))

@@ -67,22 +67,6 @@ def test_a_wrong_setting_is_named_with_the_remedy(values, message):
         Settings.from_dict(values)
 
 
-@pytest.mark.parametrize("settings", [PRESETS["default"], PRESETS["paper"], Settings(clip=3)])
-def test_a_file_in_which_two_settings_name_the_code_is_read(settings):
-    code = settings.counter_code
-    words = ("log", "contrast") if code == "contrast" else (code, "shared")
-    stored = settings.to_dict() | dict(zip(("counter_code", "counter_scaling"), words, strict=True))
-    assert Settings.from_dict(stored) == settings
-
-
-@pytest.mark.parametrize(("code", "scaling"), [("sqrt", "shared"), ("log", "own-mean")])
-def test_a_code_that_is_gone_is_named(code, scaling):
-    stored = {"counter_code": code, "counter_scaling": scaling}
-    message = f"settings: counter_code = {code} with counter_scaling = {scaling} was a code of"
-    with pytest.raises(UsageError, match=message):
-        Settings.from_dict(stored)
-
-
 @pytest.mark.parametrize("text", ["pixels = ", "\xff"])
 def test_a_file_that_is_no_toml_is_wrong_use(tmp_path, text):
     path = tmp_path / "settings.toml"
