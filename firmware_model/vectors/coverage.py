@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Container
+from collections.abc import Container, Sequence
+
+import numpy as np
 
 from firmware_model.design import Design
-from firmware_model.memories import Lookup
+from firmware_model.memories import Lookup, Memories
 from firmware_model.specification import Event, Machine, MatchResult, Trace, WindowResult
 from firmware_model.vectors.case import Case
 from firmware_model.vectors.facts import FILTER_CORNERS, Facts
@@ -64,13 +66,24 @@ CORNERS = {
 }
 
 
+class _Drawing(Machine):
+    """The model by which cases are drawn: NumPy computes its distances, which cost most of them."""
+
+    def __init__(self, memories: Memories, start: int = 0) -> None:
+        super().__init__(memories, start)
+        self._places = np.array(memories.places, dtype=np.int64)
+
+    def distances(self, codes: Sequence[int]) -> list[int]:
+        return list(map(int, abs(self._places - codes).sum(axis=1)))
+
+
 def coverage(case: Case, wanted: Container[str] = FILTER_CORNERS) -> dict[str, int]:
     """Count how often a case reaches each of `CORNERS`; see `watched_trace`."""
-    return watched_trace(case, wanted)[1]
+    return watched_trace(case, wanted, _Drawing)[1]
 
 
 def watched_trace(
-    case: Case, wanted: Container[str] = FILTER_CORNERS
+    case: Case, wanted: Container[str] = FILTER_CORNERS, model: type[Machine] = Machine
 ) -> tuple[Trace, dict[str, int]]:
     """Run the model over a case, and count how often it reaches each of `CORNERS`.
 
@@ -78,6 +91,8 @@ def watched_trace(
     ----------
     wanted : container of str
         Facts that are counted though they take long; all others are.
+    model : type of Machine
+        The specification, or an equal one.
 
     Returns
     -------
@@ -88,7 +103,7 @@ def watched_trace(
         codes, `FILTER_CORNERS` are included.
     """
     done = Trace()
-    machine, lookup = Machine(case.memories, case.start), case.memories.lookup()
+    machine, lookup = model(case.memories, case.start), case.memories.lookup()
     corners = CORNERS | FILTER_CORNERS if case.design.pauses else CORNERS
     tally: Counter[str] = Counter(dict.fromkeys(corners, 0))
     facts = Facts(machine, tally, wanted)
@@ -102,11 +117,13 @@ def watched_trace(
             if isinstance(result, WindowResult):
                 ended += 1
                 _see_window(machine, result, tally)
-                distances = machine.distances(result.codes)
-                rows = [distances, *rows[: case.design.length - 1]]
-                _see_distances(case.design, distances, tally)
                 facts.see_window()
+                if not case.design.filters:
+                    distances = machine.distances(result.codes)
+                    rows = [distances, *rows[: case.design.length - 1]]
+                    _see_distances(case.design, distances, tally)
             elif isinstance(result, MatchResult) and case.design.filters:
+                _see_distances(case.design, machine.compared[0], tally)
                 facts.see_match(result)
             elif isinstance(result, MatchResult):
                 _see_match(case.design, result, rows, tally)
@@ -174,7 +191,7 @@ def _see_window(machine: Machine, window: WindowResult, tally: Counter[str]) -> 
     tally["lanes_unfilled"] += design.slots % design.lanes > 0
 
 
-def _see_distances(design: Design, distances: list[int], tally: Counter[str]) -> None:
+def _see_distances(design: Design, distances: Sequence[int], tally: Counter[str]) -> None:
     tally["zero_distance"] += 0 in distances
     tally["largest_distance"] += design.slots * design.code_max in distances
     tally["diagonal_off_the_map"] += min(distances) < min(distances[design.length - 1 :])

@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Callable, Container, Iterator
 from contextlib import contextmanager
+from itertools import chain
 from typing import Any, NamedTuple
 
 from firmware_model import specification
@@ -29,12 +30,14 @@ from firmware_model.specification import (
     PATIENCE,
     WHOLE_AGE,
     Advanced,
+    Edges,
     Filter,
     FilterMap,
     Kept,
     Machine,
     MatchResult,
     Rows,
+    Seen,
     Trace,
     activity_of,
     advance,
@@ -54,7 +57,7 @@ from firmware_model.specification import (
     which_sum,
     window_mean,
 )
-from firmware_model.vectors.case import Case, window_codes
+from firmware_model.vectors.case import Case, in_order, window_codes
 from fixedpoint.activity import BANK_COSTS, GAINS, PARTS, PAUSE_SHIFT, SAME_ROW, SUMS
 from fixedpoint.own_mean import (
     FIRST_SHIFT,
@@ -440,7 +443,7 @@ class Facts:
         of_best = [row[best.place] for row in advanced.state.metrics]
         tally["gain_tie"] += of_best.count(min(of_best)) > 1
         tally["gain_changed"] += advanced.trust.age > 0 and best.gain != before.gain
-        self._see_others(filter_map, advanced)
+        self._see_others(filter_map, before, advanced)
         if not seen.paused:
             tally[f"sum_{SUMS[seen.looks[best.gain]]}"] += 1
             tally["three_sums"] += len(set(seen.looks)) == len(SUMS)
@@ -458,24 +461,23 @@ class Facts:
         running = ilog(self._kept.mean_activity >> ACTIVITY_FRACTION_BITS)
         tally["mean_apart"] += abs(map_log - running) >= 16
 
-    def _see_others(self, filter_map: FilterMap, advanced: Advanced) -> None:
+    def _see_others(self, filter_map: FilterMap, before: Filter, advanced: Advanced) -> None:
         """Match on and on by a filter without a rule, until a match is another one."""
-        window = self.machine.states[-1]
+        window = _Window(filter_map, self.machine.compared, before, advanced)
         for name, rule in _OTHER_FILTERS.items():
-            state = self._others.get(
-                name, Filter([[0] * len(filter_map.activity)] * len(filter_map.gains))
-            )
+            state = self._others.get(name, before)
             if state is None or name not in self._wanted:
                 continue
-            other = _advance_without(
-                filter_map, state, window.activity, window.paused, self.machine.compared, rule
-            )
+            other = window.without(rule, state)
             differs = _told(other) != _told(advanced)
             self.tally[name] += differs
-            self._others[name] = None if differs else other.state
+            if differs:
+                self._others[name] = None
+            elif other is not advanced:
+                self._others[name] = other.state
 
     def see_case(self, case: Case, done: Trace) -> None:
-        """Run a whole case again, on each device without a rule on which it may depend."""
+        """Run a case again, on each device without a rule, until a result is another one."""
         for name, (needed, rule, other) in _OTHER_DEVICES.items():
             if not self.tally[needed] or name not in self._wanted:
                 continue
@@ -484,10 +486,10 @@ class Facts:
                     codes = window_codes(case.memories, case.events, case.start)
                     self.tally[name] += codes != [window.codes for window in done.windows]
                 else:
-                    results = case.trace()
-                    self.tally[name] += (results.windows, results.matches) != (
-                        done.windows, done.matches,
-                    )  # fmt: skip
+                    device = type(self.machine)(case.memories, case.start)
+                    results = chain.from_iterable(map(device.take, case.events))
+                    pairs = zip(results, in_order(done), strict=True)
+                    self.tally[name] += any(one != another for one, another in pairs)
 
     def _see_means(self) -> None:
         tally, kept, design = self.tally, self._kept, self.machine.design
@@ -570,7 +572,7 @@ class _Rule(NamedTuple):
     """What another filter does otherwise, to show that it matters."""
 
     #: gains, by their indices before and after, to which there is no change
-    no_change: Callable[[int, int], bool] = lambda before, after: False
+    no_change: Callable[[int, int], bool] | None = None
     keeps_reciprocals: bool = False
     most_shift: int = 6  #: Of the mean speed.
 
@@ -586,33 +588,69 @@ _OTHER_FILTERS = {
 }
 
 
-def _advance_without(
-    filter_map: FilterMap, state: Filter, activity: int, paused: bool, distances: Rows, rule: _Rule
-) -> Advanced:
-    """Advance another filter."""
-    gains, seen = range(len(filter_map.gains)), see(filter_map, state, activity, paused)
-    if seen.few == 0:
+class _Window:
+    """A window, by which filters without a rule advance; `before` and `advanced` are of the model.
+
+    A filter that was as the model before, and that its rule does not part from it, is not matched.
+    """
+
+    def __init__(
+        self, filter_map: FilterMap, distances: Rows, before: Filter, advanced: Advanced
+    ) -> None:
+        self._map, self._distances, self._before = filter_map, distances, before
+        self._advanced, self._steps = advanced, dict[bool, list[Edges]]()
+
+    def without(self, rule: _Rule, state: Filter) -> Advanced:
+        """Advance another filter."""
+        seen = self._see(rule, state)
+        changed = _changed(rule, state)
+        against = evidence(self._map, state, seen, self._distances)
+        if rule.keeps_reciprocals:
+            pairs = zip(against.reciprocals, state.reciprocals, strict=True)
+            against = against._replace(reciprocals=[new or old for new, old in pairs])
+        of_model = self._advanced
+        if state is self._before and (seen, changed, against) == (
+            of_model.seen, change_gain(state.metrics), of_model.evidence,
+        ):  # fmt: skip
+            return of_model
+        predicted = [[0] * len(self._map.activity) for _ in self._map.gains]
+        if state.place is not None:
+            pairs_of = zip(changed, self._steps_of(seen), strict=True)
+            predicted = [move(row, edges, self._map.restart) for row, edges in pairs_of]
+        return decide(self._map, state, seen, predicted, against)
+
+    def _see(self, rule: _Rule, state: Filter) -> Seen:
+        of_model = self._advanced.seen
+        seen = see(self._map, state, of_model.activity, of_model.paused)
+        if seen.few:
+            return seen
         shift = min((1 + state.moved).bit_length() - 1, rule.most_shift)
-        speed = state.speed + ((16 * activity - state.speed) >> shift)
-        looks = [which_sum(speed, gain) for gain in filter_map.gains]
-        seen = seen._replace(speed=speed, looks=looks)
-    against = evidence(filter_map, state, seen, distances)
-    if rule.keeps_reciprocals:
-        pairs = zip(against.reciprocals, state.reciprocals, strict=True)
-        against = against._replace(reciprocals=[new or old for new, old in pairs])
-    predicted = [[0] * len(filter_map.activity) for _ in gains]
-    if state.place is not None:
-        least = min(map(min, state.metrics))
-        for h in gains:
-            others = [g for g in gains if not rule.no_change(g, h)]
-            changed = [
-                min(state.metrics[g][k] - least + GAIN_STEP * abs(h - g) for g in others)
-                for k in range(len(filter_map.activity))
-            ]
-            predicted[h] = move(
-                changed, steps_of(filter_map, seen, filter_map.gains[h]), filter_map.restart
-            )
-    return decide(filter_map, state, seen, predicted, against)
+        speed = state.speed + ((16 * seen.activity - state.speed) >> shift)
+        return seen._replace(
+            speed=speed, looks=[which_sum(speed, gain) for gain in self._map.gains]
+        )
+
+    def _steps_of(self, seen: Seen) -> list[Edges]:
+        """Return the steps of all gains, once for all filters whose robot stands, or moves."""
+        if seen.stands not in self._steps:
+            self._steps[seen.stands] = [steps_of(self._map, seen, gain) for gain in self._map.gains]
+        return self._steps[seen.stands]
+
+
+def _changed(rule: _Rule, state: Filter) -> list[list[int]]:
+    """Return what `change_gain` returns, by a rule."""
+    if rule.no_change is None:
+        return change_gain(state.metrics)
+    least, gains = min(map(min, state.metrics)), range(len(state.metrics))
+    changed = []
+    for h in gains:
+        rows = (
+            [one - least + GAIN_STEP * abs(h - g) for one in state.metrics[g]]
+            for g in gains
+            if not rule.no_change(g, h)
+        )
+        changed.append([min(column) for column in zip(*rows, strict=True)])
+    return changed
 
 
 def _told(advanced: Advanced) -> tuple[int, tuple[int | None, ...], int]:

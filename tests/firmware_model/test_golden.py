@@ -28,6 +28,7 @@ from firmware_model import Design, VectorError
 from firmware_model.design import page
 from firmware_model.emulation.build import EMULATED, SOURCES, build
 from firmware_model.emulation.emulator import Emulator
+from firmware_model.specification_drive import bias_of, typical_distances
 from firmware_model.vectors import (
     CORNERS,
     FILTER_CORNERS,
@@ -46,6 +47,7 @@ from firmware_model.vectors import (
     verify,
     write_suites,
 )
+from firmware_model.vectors.coverage import watched_trace
 from firmware_model.vectors.facts import facts_for, own_facts
 from firmware_model.vectors.filter_suite import filter_cases
 from firmware_model.vectors.manifest import FieldPlace
@@ -176,6 +178,10 @@ def test_the_suite_own_has_cases_of_any_design_itself(seed, monkeypatch):
         design = replace(design, places=places)
         cases = standard_suites(design, seed, "own")["own"]
         assert cases and all(case.design == design for case in cases)
+        # NumPy draws them, and the specification writes them
+        assert coverage(cases[0]) == watched_trace(cases[0])[1]
+        codes = cases[0].memories.places
+        assert filter_suite._bias_of(codes) == bias_of(typical_distances(codes))
 
 
 def test_a_fact_that_no_case_shows_fails_the_build(monkeypatch):
