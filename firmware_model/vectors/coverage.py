@@ -157,6 +157,11 @@ def _see_event(
     if x >= design.width or y >= design.height:
         tally["off_the_sensor"] += 1
         tally["ended_off_the_sensor"] += ends
+        if design.filters:
+            columns = (event._replace(x=x ^ 1 << n) for n in range(16))
+            rows = (event._replace(y=y ^ 1 << n) for n in range(15))
+            beside = (machine.slot(one) for one in (*columns, *rows))
+            tally["beyond_a_pixel"] += any(slot is not None for slot in beside)
     elif slot is None:
         tally["unselected"] += 1
         tally["entry_of_another_row"] += lookup.taken(x, y)

@@ -76,6 +76,8 @@ _OF_THE_MIDDLE = (
     "middle_below", "middle_above", "middle_of_the_reach", "near_at_threshold", "near_beyond",
     "middle_at_the_first", "middle_at_the_last", "told_back",
 )  # fmt: skip
+#: corners of `coverage` that a core of one size shows in windows by time
+_OF_THE_CLOCK = {"before_the_boundary", "clock_wrapped", "gap", "late", "on_the_boundary"}
 #: facts of a design with the place filter; what is counted as one occurrence of each
 FILTER = {
     "first_window": "a first window that does not pause: its evidence is scaled by its own spread",
@@ -130,6 +132,7 @@ FILTER = {
     "distance_above_8_bits": "a window with a distance above 255 to a place, and one below",
     "total_above_16_bits": "a window whose distances add up to more than 16 bits",
     "deviations_above_16_bits": "a window whose distances deviate by more than 16 bits in all",
+    "nearest_above_7_bits": "a window with a distance above 127 to every place",
     "bias_decides": "a window whose nearest place is another one without the bias",
     "largest_bias": "a place of the largest bias there is",
     "middle_below": "a match that is told below the best place",
@@ -160,7 +163,10 @@ FILTER = {
     "support_stood": "a match at the place before whose support falls by 1/8 instead of rising",
     "young": "a match with less trust for the age of its path, and some left",
     "trust_rounded": "a match whose trust is rounded down for its age",
+    "trust_above_255": "a match with a trust above 255",
     "of_age": "a match with trust whose path is of age, and was before",
+    "beyond_a_pixel": "an event off the sensor, but for a bit of its column or row at a selected "
+    "pixel",
 }  # fmt: skip
 #: facts of the place filter with several gains
 SEVERAL_GAINS = {
@@ -242,7 +248,15 @@ def own_facts(design: Design) -> set[str]:
         names -= {"events_above_16_bits", "events_decide"}
     if design.places <= 256:
         names -= {"ties_above_255"}
-    return names
+    if design.places > 2 * design.exclusion + 1:
+        names -= {"filter_no_second"}
+    if design.slots * design.count_max <= 0xFFFF:
+        names -= {"events_above_16_bits"}
+    if not design.trust:
+        names -= {"trusted_at_threshold", "distrusted_at_threshold"}
+    if design.window == "time":
+        names |= _OF_THE_CLOCK
+    return names | {"filled", "saturated"}
 
 
 class Facts:
@@ -366,6 +380,7 @@ class Facts:
             tally["spread_of_nothing"] += len(distances) > 1 and most == least
             tally["spread_of_one"] += scale == one and not first and most > least
             tally["evidence_saturated"] += ((most - least) * scale) >> 14 > EVIDENCE_TOP
+            tally["nearest_above_7_bits"] += least > 127
             tally["distance_above_8_bits"] += least <= 255 < most
             total = sum(distances)
             mean = total // len(distances)
@@ -434,6 +449,7 @@ class Facts:
             advanced.best.place == before.place and support == falls < judged.kept
         )
         tally["young"] += 0 < judged.trust < left
+        tally["trust_above_255"] += judged.trust > 255
         tally["trust_rounded"] += judged.trust > 0 and left * judged.age % WHOLE_AGE > 0
         tally["of_age"] += judged.trust > 0 and before.age == WHOLE_AGE == judged.age
 

@@ -10,14 +10,20 @@ from __future__ import annotations
 from bisect import bisect_left
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
-from itertools import cycle
+from itertools import cycle, groupby
 from typing import Any
 
 import numpy as np
 
 from firmware_model.design import ACTIVITY_FRACTION_BITS, LARGEST_SUM, LEVEL_TOP, LEVELS, Design
 from firmware_model.errors import VectorError
-from firmware_model.specification import activity_of, gains_of, ilog, mean_activity_after
+from firmware_model.specification import (
+    Event,
+    activity_of,
+    gains_of,
+    ilog,
+    mean_activity_after,
+)
 from firmware_model.specification_drive import bias_of
 from firmware_model.vectors.case import Case, Stream
 from firmware_model.vectors.coverage import coverage
@@ -29,8 +35,8 @@ from fixedpoint.own_mean import FIRST_SHIFT, FULL_SCALE, LAST_SHIFT
 ENOUGH_PIXELS = 8
 #: cases that are drawn of each kind before a fact is given up, and of fewer pixels
 MOST_DRAWS, FEW_DRAWS = 400, 40
-#: cases that are drawn of each kind of a design that does not vary
-OWN_DRAWS = 6
+#: the same of a design that does not vary, and of kinds of many windows
+OWN_DRAWS, FEWER_OWN_DRAWS = 30, {"drive": 6, "sums": 6, "long": 2, "busy": 2}
 
 #: makes a variant of a design: `replace`, or `_as_it_is`
 Vary = Callable[..., Design]
@@ -77,8 +83,38 @@ def own_cases(design: Design, seed: int = 0) -> list[Case]:
         With the place filter.
     """
     rng = np.random.default_rng((seed, 65))
-    kinds = _KINDS if design.window == "time" else {"drive": _drive, "near": _near}
-    return _until_seen(design, _as_it_is, kinds, own_facts(design), OWN_DRAWS, rng)
+    kinds = _KINDS
+    if design.window == "count":
+        kinds = {kind: _KINDS[kind] for kind in ("drive", "near", "clear", "far", "full")}
+    kinds = {kind: _at_any_time(draw) for kind, draw in kinds.items()}
+    return _until_seen(design, _as_it_is, kinds, own_facts(design), OWN_DRAWS, rng, FEWER_OWN_DRAWS)
+
+
+def _at_any_time(draw: Draw) -> Draw:
+    """Let cases start at any time, half of them soon before the clock wraps, as their events do."""
+
+    def drawn_later(
+        name: str, design: Design, vary: Vary, rng: np.random.Generator, drawn: int
+    ) -> Case:
+        case, period = draw(name, design, vary, rng, drawn), 1 << design.timestamp_bits
+        tau, start = design.tau_us, int(rng.integers(min(period, 1 << 62)))
+        if rng.random() < 0.5:
+            start = -(start % (8 * tau)) % period
+        events: list[Event] = []
+        for opens, alike in groupby(case.events, key=lambda event: event.t):
+            of_window = list(alike)
+            after = rng.integers(0, min(tau, 1 << 62), len(of_window))
+            kind = rng.random(len(of_window))
+            after[kind < 0.2], after[kind > 0.8] = 0, tau - 1
+            if draw is _times:
+                after[:] = 0
+            events += (
+                event._replace(t=(start + opens + at) % period)
+                for event, at in zip(of_window, sorted(after.tolist()), strict=True)
+            )
+        return replace(case, events=tuple(events), start=start)
+
+    return drawn_later
 
 
 def _as_it_is(design: Design, **values: Any) -> Design:
@@ -93,6 +129,7 @@ def _until_seen(
     missing: set[str],
     most: int,
     rng: np.random.Generator,
+    fewer: Mapping[str, int] = {},
 ) -> list[Case]:
     """Draw cases until no fact is missing, or so many of each kind; remove the facts they show."""
     chosen: list[Case] = []
@@ -102,6 +139,8 @@ def _until_seen(
         if not missing & _AIMED.get(kind, missing):
             continue
         drawn = number // len(kinds)
+        if drawn >= fewer.get(kind, most):
+            continue
         if kind == "logarithm":  # the next one that is missing
             left = [at for at, name in enumerate(LOGARITHMS) if name in missing]
             drawn = left[drawn % len(left)]
@@ -547,6 +586,60 @@ def _halves(name: str, design: Design, vary: Vary, rng: np.random.Generator, dra
     return stream.case(name, [shown[i % len(shown)] for i in range(design.places)], mean=mean)
 
 
+def _clear(name: str, design: Design, vary: Vary, rng: np.random.Generator, drawn: int) -> Case:
+    """Draw a drive of which the map has each window, so that nothing speaks against its path."""
+    windows, apart = 30, design.places_per_window
+    design = vary(design, places=windows * apart, restart=30)
+    counts = rng.integers(0, 6, (windows, design.slots)).tolist()
+    design = _long_enough(design, counts, vary)
+    stream = Stream.showing(design, counts)
+    codes = rng.integers(0, design.code_max + 1, (design.places, design.slots)).tolist()
+    codes[: windows * apart : apart] = stream.shown_codes(None)[: -(-design.places // apart)]
+    activity = max(sum(map(sum, counts)) // windows, 1)
+    return stream.case(name, codes, activity=activity << ACTIVITY_FRACTION_BITS)
+
+
+def _far(name: str, design: Design, vary: Vary, rng: np.random.Generator, drawn: int) -> Case:
+    """Draw places that are all far by their biases."""
+    design = vary(design, places=int(rng.choice([4, 9])))
+    counts = [_spread(20, design, rng) for _ in range(6)]
+    stream = Stream.showing(_long_enough(design, counts, vary), counts)
+    codes = rng.integers(0, design.code_max + 1, (design.places, design.slots)).tolist()
+    biases = rng.integers(128, 256, design.places).tolist()
+    return stream.case(name, codes, place_bias=biases)
+
+
+def _full(name: str, design: Design, vary: Vary, rng: np.random.Generator, drawn: int) -> Case:
+    """Draw windows in which a counter is full."""
+    counts = [[int(n) for n in rng.integers(0, 4, design.slots)] for _ in range(3)]
+    counts[0][int(rng.integers(design.slots))] = design.count_max + 1
+    stream = Stream.showing(_long_enough(design, counts, vary), counts)
+    codes = rng.integers(0, design.code_max + 1, (design.places, design.slots)).tolist()
+    return stream.case(name, codes)
+
+
+def _times(name: str, design: Design, vary: Vary, rng: np.random.Generator, drawn: int) -> Case:
+    """Draw events at any time of a window, and off the sensor by a bit of their column or row."""
+    design = vary(design, window="time", places=int(rng.choice([4, 9])))
+    stream, tau = Stream(design), design.tau_us
+    bits = [(1 << n, 0) for n in range((design.width - 1).bit_length(), 16)]
+    bits += [(0, 1 << n) for n in range((design.height - 1).bit_length(), 15)]
+    for _ in range(12):
+        times = [0, tau - 1, *rng.integers(0, tau, int(rng.integers(30))).tolist()]
+        for at in sorted(times[int(rng.integers(3)) :]):
+            x, y = stream.pixels[int(rng.integers(design.slots))]
+            off = bits.pop() if bits and rng.random() < 0.5 else (0, 0)
+            stream.at(x + off[0], y + off[1], at, bool(rng.integers(2)))
+        # about a power of two before the end
+        for n in range(1, design.timestamp_bits - 1):
+            near = 1 << n // 2
+            stream.slot(0, offset=tau - (1 << n) + int(rng.integers(-near, near)))
+        stream.skip(int(rng.choice([1, 1, 1, 2, 3])))
+    stream.close()
+    codes = rng.integers(0, design.code_max + 1, (design.places, design.slots)).tolist()
+    return stream.case(name, codes)
+
+
 _KINDS: dict[str, Draw] = {
     "drive": _drive,
     "numbers": _numbers,
@@ -561,6 +654,10 @@ _KINDS: dict[str, Draw] = {
     "busy": _busy,
     "large_means": _large_means,
     "halves": _halves,
+    "clear": _clear,
+    "far": _far,
+    "full": _full,
+    "times": _times,
 }
 #: kinds that are made for some facts alone
 _AIMED: dict[str, set[str]] = {
@@ -577,4 +674,15 @@ _AIMED: dict[str, set[str]] = {
     "busy": {"events_above_16_bits", "events_decide"},
     "large_means": {f"mean_of_{n}_bits" for n in range(19, 24)},
     "halves": {"mean_of_a_half"},
+    "clear": {"trust_above_255"},
+    "far": {"nearest_above_7_bits"},
+    "full": {"filled", "saturated"},
+    "times": {
+        "beyond_a_pixel",
+        "before_the_boundary",
+        "clock_wrapped",
+        "gap",
+        "late",
+        "on_the_boundary",
+    },
 }
