@@ -594,7 +594,8 @@ def _clear(name: str, design: Design, vary: Vary, rng: np.random.Generator, draw
     design = _long_enough(design, counts, vary)
     stream = Stream.showing(design, counts)
     codes = rng.integers(0, design.code_max + 1, (design.places, design.slots)).tolist()
-    codes[: windows * apart : apart] = stream.shown_codes(None)[: -(-design.places // apart)]
+    for place, shown in zip(range(0, design.places, apart), stream.shown_codes(None), strict=False):
+        codes[place] = list(shown)
     activity = max(sum(map(sum, counts)) // windows, 1)
     return stream.case(name, codes, activity=activity << ACTIVITY_FRACTION_BITS)
 
