@@ -93,6 +93,13 @@ def bench_single_query(race, contestant):
     run(race, contestant, work, counts(20_000, J, 3), counts(1, J, 4))
 
 
+@pytest.mark.parametrize("places", [100_000, 1_000_000])
+def bench_long_route(race, contestant, places):
+    """Race on one query against more places than a cache holds."""
+    work = f"one query against {places:,} places, 150 pixels, 8 bits"
+    run(race, contestant, work, counts(places, J, 3), counts(1, J, 4))
+
+
 def run(race, contestant, work, reference, queries):
     """Race on these counts; a limit has no result to compare."""
     library, make, how = contestant
@@ -131,6 +138,11 @@ FIELDS = {
         ("torch.cdist p=1", by_torch, {"rounds": 100, "target": 20}),
         ("NumPy", by_numpy, {"rounds": 50}),
         ("reading all places", lambda r, q: reading(len(r), 1), {"limit": True, "rounds": 500}),
+    ),
+    bench_long_route: (
+        (OURS, one_by_one, {}),
+        ("OpenCV batchDistance, nearest only", by_opencv, {}),
+        ("reading all places", lambda r, q: reading(len(r), 1), {"limit": True}),
     ),
 }
 
