@@ -259,7 +259,13 @@ def test_the_facts_of_the_console_stand_in_the_report(street):
     folder = shutil.copytree(street / "results", street / "facts")
     said = evaluated(street, folder, tolerance=5)
     metrics, text = read(folder)
-    assert [*metrics["facts"]][2:] == ["reference track", "query track", "routes", "views"]
+    assert [*metrics["facts"]][2:] == [
+        "reference track",
+        "query track",
+        "routes",
+        "views",
+        "pixels",
+    ]
     for heading, line in metrics["facts"].items():
         assert re.search(f"^{heading} +{re.escape(line)}$", said, re.MULTILINE)
         assert line in text
@@ -428,7 +434,7 @@ def test_positions_correctness_and_errors_stand_beside_the_matches(judged):
 
 def test_a_report_from_python_is_that_of_the_command_line(street, judged, tmp_path):
     result, judged = judged
-    assert [*result.facts()] == ["reference", "query", "views"]
+    assert [*result.facts()] == ["reference", "query", "views", "pixels"]
     with pytest.raises(UsageError, match="tolerance_m = 25, and truth says already"):
         result.evaluate(judged.truth, 25)
     result.report(tmp_path / "out", judged, figures=("png",))

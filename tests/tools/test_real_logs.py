@@ -124,7 +124,7 @@ def test_good_logs_judge_every_match_and_show_the_drive(drives, judge, suffix):
     texts = [FORMATS[suffix](rows) for rows in drives[1]]
     correct, queries, facts = judge(texts, suffix)
     assert correct == queries >= 55
-    assert len(facts.splitlines()) == 6
+    assert len(facts.splitlines()) == 7
     assert re.search(
         r"reference: [\d,]+ events in \d\d\.\d s, [\d,]+ events/s, of 32x32 pixels", facts
     )
