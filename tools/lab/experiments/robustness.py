@@ -16,12 +16,15 @@ import numpy.typing as npt
 from edge_vpr_tools.commands.map import fitting_window
 from edge_vpr_tools.report.tables import TableView
 
+from edge_vpr.descriptors.counting import count_windows, opened
 from edge_vpr.descriptors.pixels import PixelMap
 from edge_vpr.descriptors.windows import Descriptors, narrow
 from edge_vpr.evaluation.ground_truth import GroundTruth
+from edge_vpr.events import Events, join_events
+from edge_vpr.recordings.reading import EventSource
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.settings import PRESETS, Settings
-from edge_vpr.simulation import simulate_pair
+from edge_vpr.simulation import SimulatedRecording, simulate_pair
 from edge_vpr.simulation.drive import QUERY, REFERENCE
 from lab.drives import STREETS, second_drive
 from lab.experiments.calibration import first_matches
@@ -92,6 +95,24 @@ def _gaps(counts: Counts, at: PixelMap, rng: np.random.Generator) -> Counts:
     return counts * (np.arange(len(counts)) % 10 >= 2)[:, None]
 
 
+def _turned(pixels: PixelMap, by: int) -> PixelMap:
+    """Return the pixels on which those of a map fall in a camera that is turned to the left."""
+    room = pixels.x + by < pixels.sensor.width
+    return replace(pixels, x=np.where(room, pixels.x + by, pixels.x - by).astype(pixels.x.dtype))
+
+
+def _jittered(drive: SimulatedRecording, by_us: int, rng: np.random.Generator) -> EventSource:
+    """Return a drive whose events come early or late, and in the order of their new times."""
+    events = join_events(list(drive))
+    times = np.maximum(events.t + rng.normal(0, by_us, events.size).astype(np.int64), 0)
+    order = np.argsort(times, kind="stable")
+    late = opened(
+        Events(times[order], events.x[order], events.y[order], events.p[order]), sensor=drive.sensor
+    )
+    assert isinstance(late, EventSource)
+    return late
+
+
 FAULTS: Mapping[str, Change] = {
     "5 of 150 pixels are hot, 200 events/s": _hot(5),
     "20 of 150 pixels are hot, 200 events/s": _hot(20),
@@ -119,6 +140,11 @@ def troubled(seed: int) -> Iterator[tuple[str, list[MappedPair]]]:
                 rng = np.random.default_rng((seed, len(fault)))
                 changed = change(counts, route.pixel_map, rng)
                 yield fault, [replace(pair, counted=_with(pair.counted, changed))]
+            turned = count_windows(drive, _turned(route.pixel_map, 2), route.settings)
+            yield "the camera is turned by 2 pixels", [replace(pair, counted=turned)]
+            late = _jittered(drive, 20_000, np.random.default_rng(seed))
+            jittered = count_windows(late, route.pixel_map, route.settings)
+            yield "times of events are off by 20 ms", [replace(pair, counted=jittered)]
     yield from _slowly(seed)
     away = [MappedPair.of(route, simulate_pair(other)[1], _nowhere) for other in ELSEWHERE]
     yield f"{len(away)} other streets", away
