@@ -10,7 +10,7 @@
 #include "quotient.h"
 #include "replay.h"
 
-#define WORDS (1U << 23)
+#define WORDS (1U << 25)
 #define PAGE 0x10000U /* or a part of one */
 #define REPEATS 0x900000U /* of an event in one window, at most */
 #define FURTHER 0xA000U  /* events behind them, at most */

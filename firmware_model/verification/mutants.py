@@ -43,8 +43,8 @@ _TRAPS = (
     "-O0", "-pedantic-errors", "-fsanitize=alignment,bounds,address",
     "-fsanitize-undefined-trap-on-error",
 )  # fmt: skip
-#: seconds of the processor after which a mutant is taken to loop for ever; the firmware takes 0.2
-_PATIENCE_S = 5
+#: seconds of the processor after which a mutant is taken to loop for ever; the firmware takes two
+_PATIENCE_S = 20
 
 
 class Mutant(NamedTuple):
