@@ -130,7 +130,7 @@ class Design:
     exclusion : int
         The second best place is more than so many places from the best.
     trust : int
-        Filter: least accepted trust, in 1/16 of a metric.
+        Filter: least accepted trust, in 1/16 of a unit of the metric, 1/64 of a cost.
     largest_sum : int
         Sequences: largest accepted sum.
     lookup_depth : int

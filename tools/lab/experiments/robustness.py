@@ -96,9 +96,12 @@ def _gaps(counts: Counts, at: PixelMap, rng: np.random.Generator) -> Counts:
 
 
 def _turned(pixels: PixelMap, by: int) -> PixelMap:
-    """Return the pixels on which those of a map fall in a camera that is turned to the left."""
-    room = pixels.x + by < pixels.sensor.width
-    return replace(pixels, x=np.where(room, pixels.x + by, pixels.x - by).astype(pixels.x.dtype))
+    """Return where the pixels of a map fall in a camera that is turned to the left.
+
+    Those that leave the image come in on its other side, where they show something else.
+    """
+    turned = (pixels.x.astype(np.int64) + by) % pixels.sensor.width
+    return replace(pixels, x=turned.astype(pixels.x.dtype))
 
 
 def _jittered(drive: SimulatedRecording, by_us: int, rng: np.random.Generator) -> EventSource:
