@@ -61,7 +61,6 @@ from firmware_model.vectors.case import Case, in_order, window_codes
 from fixedpoint.activity import BANK_COSTS, GAINS, PARTS, PAUSE_SHIFT, SAME_ROW, SUMS
 from fixedpoint.own_mean import (
     FIRST_SHIFT,
-    FULL_SCALE,
     LAST_SHIFT,
     LEVEL_FRACTION_BITS,
     MEAN_FRACTION_BITS,
@@ -77,7 +76,9 @@ _OF_THE_MIDDLE = (
     "middle_at_the_first", "middle_at_the_last", "told_back",
 )  # fmt: skip
 #: corners of `coverage` that a core of one size shows in windows by time
-_OF_THE_CLOCK = {"before_the_boundary", "clock_wrapped", "gap", "late", "on_the_boundary"}
+OF_THE_CLOCK = {"before_the_boundary", "clock_wrapped", "gap", "late", "on_the_boundary"}
+#: the same of its counters, in windows of any kind
+OF_COUNTERS = {"filled", "saturated"}
 #: facts of a design with the place filter; what is counted as one occurrence of each
 FILTER = {
     "first_window": "a first window that does not pause: its evidence is scaled by its own spread",
@@ -244,19 +245,17 @@ def own_facts(design: Design) -> set[str]:
     names -= {"whole_place_told"} if half else set(_OF_THE_MIDDLE)
     if not design.contrast:
         names -= set(CONTRAST)
-    elif design.slots * FULL_SCALE <= 0xFFFF:
-        names -= {"events_above_16_bits", "events_decide"}
     if design.places <= 256:
         names -= {"ties_above_255"}
     if design.places > 2 * design.exclusion + 1:
         names -= {"filter_no_second"}
     if design.slots * design.count_max <= 0xFFFF:
-        names -= {"events_above_16_bits"}
+        names -= {"events_above_16_bits", "events_decide"}
     if not design.trust:
         names -= {"trusted_at_threshold", "distrusted_at_threshold"}
     if design.window == "time":
-        names |= _OF_THE_CLOCK
-    return names | {"filled", "saturated"}
+        names |= OF_THE_CLOCK
+    return names | OF_COUNTERS
 
 
 class Facts:

@@ -27,7 +27,15 @@ from firmware_model.specification import (
 from firmware_model.specification_drive import bias_of
 from firmware_model.vectors.case import Case, Stream
 from firmware_model.vectors.coverage import coverage
-from firmware_model.vectors.facts import CONTRAST, LOGARITHMS, SEVERAL_GAINS, facts_for, own_facts
+from firmware_model.vectors.facts import (
+    CONTRAST,
+    LOGARITHMS,
+    OF_COUNTERS,
+    OF_THE_CLOCK,
+    SEVERAL_GAINS,
+    facts_for,
+    own_facts,
+)
 from fixedpoint.activity import EVENTS_TOP, PARTS, PAUSE_SHIFT
 from fixedpoint.own_mean import FIRST_SHIFT, FULL_SCALE, LAST_SHIFT
 
@@ -677,13 +685,6 @@ _AIMED: dict[str, set[str]] = {
     "halves": {"mean_of_a_half"},
     "clear": {"trust_above_255"},
     "far": {"nearest_above_7_bits"},
-    "full": {"filled", "saturated"},
-    "times": {
-        "beyond_a_pixel",
-        "before_the_boundary",
-        "clock_wrapped",
-        "gap",
-        "late",
-        "on_the_boundary",
-    },
+    "full": OF_COUNTERS,
+    "times": OF_THE_CLOCK | {"beyond_a_pixel"},
 }

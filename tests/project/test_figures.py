@@ -149,6 +149,33 @@ def test_sentences_of_results_are_those_of_their_files():
     ) in text
     assert f"{worst:.2f} of the smoothed windows" in text
 
+    day = {
+        row["drives"]: float(row["P@100R"])
+        for row in rows_of("rivals.csv", matching="place filter, live", tolerance="70 m")
+        if "half a day" in row["drives"] and row["system"].startswith("edge-vpr")
+    }
+    of_other = next(value for name, value in day.items() if name.endswith("sunset1"))
+    (back,) = means_by("map", "P@100R", rows_of(
+        "several-drives.csv", drives="Brisbane, 49 px", map="half a drive by day",
+        query="at sunset", matched="live",
+    )).values()  # fmt: skip
+    assert f"matches {of_other:.3f} of the half day" in text and f"half day {back:.3f}." in text
+
+    ours = {
+        how: means_by("drives", "P@100R", rows_of("place-filter.csv", method=method))
+        for how, method in (
+            ("live", "place filter, running mean (robot)"),
+            ("smoothed", "place filter, contrast, smoothed (default)"),
+        )
+    }
+    worst = [
+        max(of["street, 150 px"] - of[f"street, {kind}, 150 px"]
+            for kind in ("half speed", "double speed", "thresholds x 2"))
+        for of in ours.values()
+    ]  # fmt: skip
+    lost = f"live matches lose at most {worst[0]:.2f}, and smoothed ones {worst[1]:.2f};"
+    assert lost in text and 0.45 < ours["live"]["street, triple speed, 150 px"] < 0.55
+
     pace = "null: constant speed from start to end"
     guess = means_by("drives", "P@100R", rows_of("place-filter.csv", method=pace))
     assert f"at most {max(guess.values()):.2f} (the walks)" in text

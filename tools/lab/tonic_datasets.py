@@ -3,11 +3,13 @@
 Nothing is downloaded, since the files are gigabytes, and the user must accept their licences.
 `lab.datasets` states the pages, and the names and sizes of the files.
 
-drives = BrisbaneEventVPR("downloads", ["sunset2", "sunset1"])
-(_, reference), (_, query) = drives  # Target(traverse, track)
-route = ReferenceMap.build(drives[0], sensor=drives.sensor_size, track=reference.track)
-result = route.match(drives[1])
-print(result.evaluate((reference.track, query.track), tolerance_m=70).precision_at_100_recall)
+>>> drives = BrisbaneEventVPR("downloads", ["sunset2", "sunset1"])  # doctest: +SKIP
+>>> (_, reference), (_, query) = drives  # doctest: +SKIP
+>>> route = ReferenceMap.build(  # doctest: +SKIP
+...     drives[0], sensor=drives.sensor_size, track=reference.track
+... )
+>>> result = route.match(drives[1])  # doctest: +SKIP
+>>> result.evaluate((reference.track, query.track), tolerance_m=70)  # doctest: +SKIP
 """
 
 from __future__ import annotations

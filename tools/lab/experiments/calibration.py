@@ -350,11 +350,14 @@ def samples_of(seed: int) -> dict[str, Sample]:
     samples: dict[str, list[Sample]] = {name: [] for name in LEARNT_FROM}
     for pair, elsewhere in driven(open_street(seed), drive_elsewhere(seed), places_per_window=1):
         for version, changed in versions_of(pair, elsewhere, rng).items():
-            for matching, changes in MATCHINGS.items():
-                some = sample(changed.with_settings(changes))
-                for name in (matching, LIVE_ON_MAP) if matching == LIVE else (matching,):
-                    if version in LEARNT_FROM[name]:
-                        samples[name].append(some)
+            matched = {
+                matching: sample(changed.with_settings(changes))
+                for matching, changes in MATCHINGS.items()
+            }
+            matched[LIVE_ON_MAP] = matched[LIVE]
+            for name, versions in LEARNT_FROM.items():
+                if version in versions:
+                    samples[name].append(matched[name])
     return {name: joined(some) for name, some in samples.items()}
 
 
