@@ -71,15 +71,15 @@ class TableCode:
 
     def blurred(self, reference: ReferenceMap) -> ReferenceMap:
         """Return a map of counts with those in the middle of the counts that have the same code."""
-        places = reference.places
-        counts = np.empty(places.counts.shape, np.int64)
-        for scale, columns in _of_scale(self._scales(reference)):
+        places, scales = reference.places, self._scales(reference)
+        codes, counts = self._encode(places.counts, scales), np.empty(places.counts.shape, np.int64)
+        for scale, columns in _of_scale(scales):
             table = self.table(scale)
             every = np.arange(int(table[-1]) + 1)
             first = np.searchsorted(table, every, side="left")
             middle = (first + np.searchsorted(table, every, side="right") - 1) // 2
             middle[-1] = scale
-            counts[:, columns] = middle[table[np.minimum(places.counts[:, columns], scale)]]
+            counts[:, columns] = middle[codes[:, columns]]
         coarse = replace(places, counts=narrow(counts), selected=places.selected_events)
         return replace(reference, places=coarse)
 
