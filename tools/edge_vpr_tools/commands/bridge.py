@@ -38,8 +38,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     line.add_argument(
         "--speed", type=float, default=1.0, metavar="F",
-        help="speed as a multiple of real time; 0: as fast as possible. To a reader of a protocol "
-        "without a checksum, a clock that is not the host's is damaged",
+        help="speed as a multiple of real time; 0: as fast as possible. At another speed than 1, "
+        "a reader of a protocol without a checksum takes the clock for damaged",
     )  # fmt: skip
     faults = parser.add_argument_group("faults")
     faults.add_argument(

@@ -42,7 +42,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     group.add_argument(
         "--timeout", type=float, default=60.0, metavar="SECONDS",
-        help="after which a board that sends or takes nothing is given up",
+        help="give up a board that neither sends nor accepts a byte for so long",
     )  # fmt: skip
     group.add_argument(
         "--case", metavar="SUITE/NAME",

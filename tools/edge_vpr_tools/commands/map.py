@@ -69,8 +69,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--same-route",
         action="store_true",
-        help="the further drives are known to be of the route: learn what can be aligned, even if "
-        "they leave the route for most of their windows",
+        help="you know that the further drives are of this route: learn all windows that align, "
+        "even if most of a drive's do not",
     )
     add_json_flag(
         add_output_flags(parser, "MAP.npz", "file to write"), "info --json and NAME.run.json"

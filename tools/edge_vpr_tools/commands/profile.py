@@ -44,8 +44,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )  # fmt: skip
     sensor = parser.add_argument_group("power sensor")
     sensor.add_argument(
-        "--sensor-name", metavar="NAME", help="power sensor to use (default: the best one found)"
-    )
+        "--sensor-name", metavar="NAME",
+        help="power sensor to use, of those that edge-vpr doctor lists (default: the first)",
+    )  # fmt: skip
     sensor.add_argument(
         "--shunt-mohm", type=float, metavar="R",
         help="resistance of the power monitor's shunt in milliohms, if its driver assumes another "

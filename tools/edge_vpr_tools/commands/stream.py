@@ -53,7 +53,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     line.add_argument("--sensor", metavar="WxH", help="size of the sensor (default: the map's)")
     line.add_argument(
         "--baud", type=int, metavar="N",
-        help="bits per second of a serial port (default: the protocol's)",
+        help="bits per second of a serial port (default: 115200, or that of your own protocol)",
     )  # fmt: skip
     line.add_argument(
         "--flow-control", action="store_true", help="use the RTS and CTS wires of a serial port"
@@ -74,19 +74,19 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )  # fmt: skip
     line.add_argument(
         "--max-age", metavar="TIME",
-        help="a match that is older than this when it is given is rejected (default: two windows)",
+        help="reject a match that is older than this when it is printed (default: two windows)",
     )  # fmt: skip
     places = parser.add_argument_group("localising")
     places.add_argument("--map", metavar="MAP.npz", help="map to localise on")
     places.add_argument(
         "--every", metavar="WHEN",
         help="when to give a match: after a time such as 50ms, after N events, after each event or "
-        "window, or after each change of the place (default: 50ms); by "
-        "events, more matches come where more is seen, and shares of all matches shift with them",
+        "window, or after each change of the place (default: 50ms); after events, more matches "
+        "come where the camera sees more",
     )  # fmt: skip
     places.add_argument(
         "--state", metavar="RUN.state",
-        help="keep what matching knows of the drive in this file, and go on from it when started "
+        help="keep the state of the drive in this file, and resume from it when stream starts "
         "again within a minute (ten, where times have a checksum)",
     )  # fmt: skip
     line.add_argument(
