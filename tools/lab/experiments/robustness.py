@@ -24,7 +24,7 @@ from edge_vpr.events import Events, join_events
 from edge_vpr.recordings.reading import EventSource
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.settings import PRESETS, Settings
-from edge_vpr.simulation import SimulatedRecording, simulate_pair
+from edge_vpr.simulation import simulate_pair
 from edge_vpr.simulation.drive import QUERY, REFERENCE
 from lab.drives import STREETS, second_drive
 from lab.experiments.calibration import first_matches
@@ -91,10 +91,6 @@ def _crossing(width: int, height: int) -> Change:
     return change
 
 
-def _gaps(counts: Counts, at: PixelMap, rng: np.random.Generator) -> Counts:
-    return counts * (np.arange(len(counts)) % 10 >= 2)[:, None]
-
-
 def _turned(pixels: PixelMap, by: int) -> PixelMap:
     """Return where the pixels of a map fall in a camera that is turned to the left.
 
@@ -104,16 +100,16 @@ def _turned(pixels: PixelMap, by: int) -> PixelMap:
     return replace(pixels, x=turned.astype(pixels.x.dtype))
 
 
-def _jittered(drive: SimulatedRecording, by_us: int, rng: np.random.Generator) -> EventSource:
-    """Return a drive whose events come early or late, and in the order of their new times."""
-    events = join_events(list(drive))
+def _jittered(events: Events, by_us: int, rng: np.random.Generator) -> Events:
+    """Return events that come early or late, in the order of their new times."""
     times = np.maximum(events.t + rng.normal(0, by_us, events.size).astype(np.int64), 0)
     order = np.argsort(times, kind="stable")
-    late = opened(
-        Events(times[order], events.x[order], events.y[order], events.p[order]), sensor=drive.sensor
-    )
-    assert isinstance(late, EventSource)
-    return late
+    return Events(times[order], events.x[order], events.y[order], events.p[order])
+
+
+def _with_gaps(events: Events) -> Events:
+    """Return events without those of 2 s of every 10, which the stream itself shows as a gap."""
+    return events[events.t // 1_000_000 % 10 >= 2]
 
 
 FAULTS: Mapping[str, Change] = {
@@ -125,7 +121,6 @@ FAULTS: Mapping[str, Change] = {
     "30 % of the pixels are dead": _dead,
     "a vehicle of 60 x 50 pixels crosses in 4 s of every 10": _crossing(60, 50),
     "a pedestrian of 12 x 40 pixels crosses in 4 s of every 10": _crossing(12, 40),
-    "the events of 2 s of every 10 are lost": _gaps,
 }
 
 
@@ -145,9 +140,17 @@ def troubled(seed: int) -> Iterator[tuple[str, list[MappedPair]]]:
                 yield fault, [replace(pair, counted=_with(pair.counted, changed))]
             turned = count_windows(drive, _turned(route.pixel_map, 2), route.settings)
             yield "the camera is turned by 2 pixels", [replace(pair, counted=turned)]
-            late = _jittered(drive, 20_000, np.random.default_rng(seed))
-            jittered = count_windows(late, route.pixel_map, route.settings)
-            yield "times of events are off by 20 ms", [replace(pair, counted=jittered)]
+            events = join_events(list(drive))
+            for fault, sent in (
+                ("the events of 2 s of every 10 are lost", _with_gaps(events)),
+                (
+                    "times of events are off by 20 ms",
+                    _jittered(events, 20_000, np.random.default_rng(seed)),
+                ),
+            ):
+                source = opened(sent, sensor=drive.sensor)
+                assert isinstance(source, EventSource)
+                yield fault, [MappedPair.of(route, source, truth_of_pair(reference, drive))]
     yield from _slowly(seed)
     away = [MappedPair.of(route, simulate_pair(other)[1], _nowhere) for other in ELSEWHERE]
     yield f"{len(away)} other streets", away
