@@ -112,7 +112,7 @@ def test_a_missed_precision_says_within_what_it_is_promised(street, promised):
     correct[matches.place, matches.query] = True
     correct[:, matches.query[0]] &= promised
     truth = GroundTruth(correct, np.ones(correct.shape[1], np.bool_), "by hand")
-    said = outcome_of(result.reference, matches, evaluate(matches, truth)).sentence()
+    said = outcome_of(result.reference, matches, evaluate(matches, truth)).sentence
     assert ("(0.99 is promised within 3 windows of the true place)" in said) != promised
 
 
@@ -331,7 +331,7 @@ def test_when_all_are_wrong_or_all_correct_the_verdict_is_short(street):
     all_correct = f"{n} of {n} smoothed matches are correct; "
     for correct, start in ((truth, all_correct), (~truth, f"0 of {n} ")):
         right = GroundTruth(correct, has_truth, "by hand")
-        text = outcome_of(reference, matches, evaluate(matches, right)).sentence()
+        text = outcome_of(reference, matches, evaluate(matches, right)).sentence
         assert text.startswith(start)
         assert "lie at" not in text
 
@@ -447,7 +447,7 @@ def test_a_report_from_python_is_that_of_the_command_line(street, judged, tmp_pa
     assert all(text in page for text in (metrics["verdict"], *metrics["facts"].values()))
     assert (tmp_path / "out/route.png").stat().st_size > 0
     shown = result._repr_html_()
-    assert outcome_of(result.reference, result.matches).sentence() in unescape(shown)
+    assert outcome_of(result.reference, result.matches).sentence in unescape(shown)
     assert "data:image/svg+xml;base64," in shown
 
 

@@ -148,16 +148,16 @@ def run(args: argparse.Namespace) -> None:
     if route is None and truth.tracks is not None:
         route = with_positions(reference, truth.tracks[0]).route
     outcome = outcome_of(reference, matches, evaluation)
-    metrics["verdict"] = outcome.sentence()
+    metrics["verdict"] = outcome.sentence
     write_report(
-        folder, result, outcome, formats, results.read_run(folder), route, warnings_so_far(),
-        by_tolerance,
+        folder, result, outcome, formats, results.read_run(folder), lines, route,
+        warnings_so_far(), by_tolerance,
     )  # fmt: skip
     write_json(folder / results.METRICS, metrics)
     if args.json:
         print(json_text(metrics))
 
-    summary(outcome.sentence())
+    summary(outcome.sentence)
     summary(
         f"P@100R {evaluation.precision_at_100_recall:.3f}   "
         f"R@99P {evaluation.recall_at_99_precision:.3f}   "

@@ -131,8 +131,9 @@ def run(args: argparse.Namespace) -> None:
         settings=with_flags.settings,
         odometry=odometry,
     )
-    faults = describe_faults(recording)
     queries, matches, metrics = result.queries, result.matches, result.metrics
+    faults = describe_faults(recording)
+    removed = describe_removed(result.removed, with_flags.settings)
     warn_of_few_places(args.map, result.reference)
     facts = []
     if odometry is not None:
@@ -140,20 +141,21 @@ def run(args: argparse.Namespace) -> None:
         assert along_mm is not None  # else matching refuses odometry
         route_m = length_m(along_mm / 1e3, reference.settings.window_parts)
         facts.append(of_part(recording, odometry).beside(matches.time_us, route_m))
+    size = f"{places_text(reference)}, {reference.info().lines['size']}"
+    drives = result.facts()
+    outcome = outcome_of(result.reference, matches)
     with results.results_folder(output, args.overwrite) as folder:
         run = result.write(folder, inputs)
-        outcome = outcome_of(result.reference, matches)
         if not args.no_figures:
             from edge_vpr_tools.report.traverse import write_report
 
-            write_report(folder, result, outcome, formats, run, facts=facts)
+            write_report(folder, result, outcome, formats, run, drives, facts=facts)
     if args.json:
         print(results.json_text({} if metrics is None else metrics))
-    removed = describe_removed(result.removed, with_flags.settings)
-    summary(f"{output}: {outcome.sentence()}")
+    summary(f"{output}: {outcome.sentence}")
     for fact in facts:
         summary(fact)
-    print_facts(result.facts())
+    print_facts(drives)
     if isinstance(metrics, OnlineMetrics):
         duration_s = metrics.times_real_time * metrics.localising_s
         summary(f"{metrics.events:,} events over {duration_s:.1f} s{removed}{faults}")
@@ -164,7 +166,7 @@ def run(args: argparse.Namespace) -> None:
         _export_tracks(args.export, result.reference, matches, recording)
         return
     assert queries is not None and metrics is not None
-    summary(f"{places_text(reference)}, {reference.info().lines['size']}{removed}{faults}")
+    summary(f"{size}{removed}{faults}")
     _export_tracks(args.export, result.reference, matches, recording)
     if matrix is not None:
         with_flags = result.reference.matched_with(matches.settings)

@@ -102,13 +102,14 @@ def write(
     outcome = outcome_of(result.reference, result.matches, evaluation)
     with results_folder(folder, overwrite, result.inputs) as new:
         run = result.write(new, result.inputs)
-        write_report(new, result, outcome, figures, run)
+        facts = result.facts(outcome.truth)
+        write_report(new, result, outcome, figures, run, facts)
         if evaluation is not None:
             metrics = read_json(new / METRICS, "metrics", "match again")
             metrics["ground_truth"] = evaluation.truth.description
-            metrics["facts"] = result.facts(evaluation.truth)
+            metrics["facts"] = facts
             metrics["evaluation"] = evaluation.to_dict()
-            metrics["verdict"] = outcome.sentence()
+            metrics["verdict"] = outcome.sentence
             settings = result.matches.settings.to_dict()
             metrics["evaluated_by"] = run_record(settings, ())
             write_json(new / METRICS, metrics)
@@ -120,7 +121,7 @@ def html(result: MatchResult) -> str:
     view = RouteView.of(result.reference, outcome, result.reference.route)
     drawing = over_time(outcome) if view is None else view.figure(outcome)
     picture = base64.b64encode(save(drawing)).decode("ascii")
-    text = as_html(outcome.sentence())
+    text = as_html(outcome.sentence)
     return (
         f"<p><strong>{text}</strong></p>"
         f'<img alt="the matches" style="background: white" '

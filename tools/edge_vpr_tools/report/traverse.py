@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from types import MappingProxyType
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -40,18 +41,35 @@ CURVE = "precision_recall.csv"
 MOST_WINDOWS = 5
 
 
+class Picture(NamedTuple):
+    """A figure that was drawn."""
+
+    svg: bytes
+    caption: str
+
+
+class Section(NamedTuple):
+    """A section of the report: its tables stand above its pictures."""
+
+    heading: str
+    pictures: list[Picture]
+    text: str = ""
+    tables: Sequence[tuple[Sequence[str], Iterable[Sequence[str]]]] = ()
+
+
 def write_report(
     folder: Path,
     result: MatchResult,
     outcome: Outcome,
     formats: Sequence[str],
     run: RunRecord,
+    drives: Mapping[str, str],
     route: Route | None = None,
     warnings: Sequence[str] = (),
     tolerances: Mapping[str, Evaluation] = MappingProxyType({}),
     facts: Sequence[str] = (),
 ) -> None:
-    """Draw the figures of a results folder and write its page.
+    """Draw the figures of a results folder, and then write its page.
 
     Parameters
     ----------
@@ -59,6 +77,8 @@ def write_report(
         Of `report.FORMATS`: each figure is also written in each.
     run : RunRecord
         Of the match.
+    drives : mapping of str to str
+        Facts by their topics, of `MatchResult.facts`.
     route : Route, optional
         Positions of the places; without it, those that the map holds.
     warnings : sequence of str
@@ -68,16 +88,12 @@ def write_report(
     facts : sequence of str
         Sentences about the inputs, shown below the verdict.
     """
-    reference, queries = result.reference, result.queries
-    matches, truth, evaluation = outcome.matches, outcome.truth, outcome.evaluation
-    route = reference.route if route is None else route
+    truth = outcome.truth
+    described = _described(result.reference, outcome.matches)
+    route = result.reference.route if route is None else route
+    sections = _drawn(folder, formats, result, outcome, route, tolerances)
     page = Page("edge-vpr: matches of a drive")
-
-    def add(name: str, drawing: Figure, caption: str) -> None:
-        files = (folder / f"{name}.{kind}" for kind in formats)
-        page.picture(save(drawing, *files), caption)
-
-    page.verdict(outcome.sentence())
+    page.verdict(outcome.sentence)
     for text in (*(run.warnings or ()), *warnings):
         page.warning(text)
     for text in facts:
@@ -86,48 +102,83 @@ def write_report(
         page.text("edge-vpr evaluate adds which matches are correct, given a ground truth.")
     else:
         page.text(f"Ground truth: {truth.description}.")
-    page.text(_described(reference, matches))
-    page.table(("drive", "facts"), result.facts(truth).items())
-    _add_outcome(add, reference, outcome, route)
-    windows, at = queries, matches.query
+    page.text(described)
+    page.table(("drive", "facts"), drives.items())
+    for section in sections:
+        if section.heading:
+            page.heading(section.heading)
+        if section.text:
+            page.text(section.text)
+        for table in section.tables:
+            page.table(*table)
+        for picture in section.pictures:
+            page.picture(*picture)
+    add_run(page, run)
+    page.write(folder / REPORT)
+
+
+def _drawn(
+    folder: Path,
+    formats: Sequence[str],
+    result: MatchResult,
+    outcome: Outcome,
+    route: Route | None,
+    tolerances: Mapping[str, Evaluation],
+) -> list[Section]:
+    """Draw all figures, and write them in each format; return the sections that they stand in."""
+    reference, evaluation, matches = result.reference, outcome.evaluation, outcome.matches
+
+    def drawn(name: str, drawing: Figure, caption: str) -> Picture:
+        return Picture(save(drawing, *(folder / f"{name}.{kind}" for kind in formats)), caption)
+
+    pictures = []
+    view = RouteView.of(reference, outcome, route)
+    if view is not None:
+        pictures.append(drawn("route", view.figure(outcome), view.caption))
+    scale = along_route(reference, route)
+    upper = "How far each match is from the true place" if outcome.truth else "The place"
+    over = over_time(outcome, scale.values[matches.place], scale.label)
+    text = f"{upper}, and how probable it is to be correct."
+    sections = [Section("", [*pictures, drawn("matches", over, text)])]
+    windows, at = result.queries, matches.query
     if windows is None:  # of a drive that was matched event by event: the last before each match
         windows = result.windows
         if windows is not None:
             before = np.searchsorted(windows.end_us, matches.time_us, side="right") - 1
             at = np.maximum(before, 0)
-    if windows is not None:
-        _add_wrong_windows(page, reference, windows, at, outcome)
-    if evaluation is not None:
-        page.heading("Metrics")
-        page.table(("figure", "value", "what it says"), _figures_of(evaluation))
-        if len(tolerances) > 1:
-            page.table(*tolerance_table(tolerances))
-        name = f"{len(reference.pixel_map)} pixels, {reference.settings.strategy}"
-        add(
-            "precision_recall",
-            precision_recall({name: evaluation}),
-            f"Precision against recall, one step for each threshold; {CURVE} has the points.",
+    if windows is not None and outcome.wrong.any():
+        pictures = _wrong_windows(reference, windows, at, outcome)
+        text = (
+            "What the selected pixels counted: in the query, at the place that was matched, and at "
+            "the correct place. Larger dots: more events."
         )
+        sections.append(Section("The worst matches", pictures, text))
+    if evaluation is not None:
+        name = f"{len(reference.pixel_map)} pixels, {reference.settings.strategy}"
+        curve = precision_recall({name: evaluation})
+        text = f"Precision against recall, one step for each threshold; {CURVE} has the points."
+        pictures = [drawn("precision_recall", curve, text)]
         columns = evaluation.curve_columns()
         points = zip(*(column.tolist() for column in columns.values()), strict=True)
         cells = [[value if np.isfinite(value) else None for value in row] for row in points]
         write_spreadsheet(folder / CURVE, list(columns), cells)
         if outcome.wrong.any() and evaluation.reliability is not None:  # otherwise a straight line
-            add(
-                "reliability",
-                reliability_diagram({"": evaluation.reliability}),
+            text = (
                 "Above the line, matches are correct more often than their probability says; "
-                "below, less often.",
+                "below, less often."
             )
-    if queries is not None:
-        page.heading("Distances")
-        add("distance_matrix", distance_matrix(reference, queries, outcome, route),
-             "Dark is near.")  # fmt: skip
-    page.heading("Pixels")
-    add("pixels", selected_pixels(reference),
-         "Where the sensor sees change that differs from place to place.")  # fmt: skip
-    add_run(page, run)
-    page.write(folder / REPORT)
+            diagram = reliability_diagram({"": evaluation.reliability})
+            pictures.append(drawn("reliability", diagram, text))
+        several = [tolerance_table(tolerances)] if len(tolerances) > 1 else []
+        figures = (("figure", "value", "what it says"), _figures_of(evaluation))
+        sections.append(Section("Metrics", pictures, tables=(figures, *several)))
+    if result.queries is not None:
+        matrix = distance_matrix(reference, result.queries, outcome, route)
+        pictures = [drawn("distance_matrix", matrix, "Dark is near.")]
+        sections.append(Section("Distances", pictures))
+    text = "Where the sensor sees change that differs from place to place."
+    sections.append(Section("Pixels", [drawn("pixels", selected_pixels(reference), text)]))
+    return sections
 
 
 def _described(reference: ReferenceMap, matches: Matches) -> str:
@@ -141,52 +192,26 @@ def _described(reference: ReferenceMap, matches: Matches) -> str:
     )
 
 
-def _add_outcome(
-    add: Callable[[str, Figure, str], None],
-    reference: ReferenceMap,
-    outcome: Outcome,
-    route: Route | None,
-) -> None:
-    """Draw where and when matches are correct, wrong or not accepted."""
-    view = RouteView.of(reference, outcome, route)
-    if view is not None:
-        add("route", view.figure(outcome), view.caption)
-    scale = along_route(reference, route)
-    upper = "How far each match is from the true place" if outcome.truth else "The place"
-    add("matches", over_time(outcome, scale.values[outcome.matches.place], scale.label),
-         f"{upper}, and how probable it is to be correct.")  # fmt: skip
-
-
-def _add_wrong_windows(
-    page: Page,
-    reference: ReferenceMap,
-    queries: Descriptors,
-    at: npt.NDArray[np.integer],
-    outcome: Outcome,
-) -> None:
-    """Show the windows of the worst matches, first one of each part of the drive.
+def _wrong_windows(
+    reference: ReferenceMap, queries: Descriptors, at: npt.NDArray[np.integer], outcome: Outcome
+) -> list[Picture]:
+    """Draw the windows of the worst matches, first one of each part of the drive.
 
     `at` says which of the queries belongs to each match.
     """
     errors, truth = outcome.errors, outcome.truth
-    if errors is None or truth is None or not outcome.wrong.any():
-        return
+    assert errors is not None and truth is not None  # else no match is known to be wrong
     size = np.where(outcome.wrong, np.nan_to_num(errors, nan=np.inf), -1.0)
     worst = [int(run[np.argmax(size[run])]) for run in outcome.wrong_runs()]
     others = [int(i) for i in np.argsort(-size, kind="stable") if outcome.wrong[i]]
     chosen = sorted(worst, key=lambda i: -size[i])[:MOST_WINDOWS]
     chosen += [i for i in others if i not in chosen][: MOST_WINDOWS - len(chosen)]
     chosen.sort(key=lambda i: -size[i])
-    page.heading("The worst matches")
-    page.text(
-        "What the selected pixels counted: in the query, at the place that was matched, and at the "
-        "correct place. Larger dots: more events."
-    )
 
     def shown(title: str, drive: Descriptors, window: int) -> Window:
         return Window(title, total_counts(reference, drive.take(np.array([window])))[0])
 
-    unit, matches = truth.error_unit, outcome.matches
+    unit, matches, pictures = truth.error_unit, outcome.matches, []
     every_place = np.arange(len(reference))
     for number, i in enumerate(chosen, 1):
         j, k = int(matches.query[i]), int(matches.place[i])
@@ -209,7 +234,8 @@ def _add_wrong_windows(
             caption += f" at {outcome.precision:g})"
         if not correct.size:
             caption += "; no place of the map is correct"
-        page.picture(save(windows_side_by_side(reference, windows)), f"{caption}.")
+        pictures.append(Picture(save(windows_side_by_side(reference, windows)), f"{caption}."))
+    return pictures
 
 
 def tolerance_table(evaluations: Mapping[str, Evaluation]) -> tuple[list[str], list[list[str]]]:

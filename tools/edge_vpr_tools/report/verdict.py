@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
@@ -25,63 +24,59 @@ _TOGETHER = 0.02
 Bools = npt.NDArray[np.bool_]
 
 
-@dataclass(frozen=True, eq=False)
 class Outcome:
-    """Whether each of n matches is accepted and, after an evaluation, correct."""
+    """Whether each of n matches is accepted and, after an evaluation, correct.
 
-    matches: Matches
-    precision: float | None  #: At which matches are accepted; None where no probability is known.
-    accepted: Bools  #: Shape (n,): whether each match is accepted.
-    evaluation: Evaluation | None = None  #: None before an evaluation.
+    Parameters
+    ----------
+    precision : float or None
+        At which matches are accepted; None where no probability is known.
+    accepted : ndarray of bool, shape (n,)
+        Whether each match is accepted.
+    evaluation : Evaluation, optional
+        None before an evaluation.
 
-    @property
-    def truth(self) -> GroundTruth | None:
-        """The ground truth; None before an evaluation."""
-        return None if self.evaluation is None else self.evaluation.truth
+    Attributes
+    ----------
+    truth : GroundTruth or None
+    correct, wrong : ndarray of bool, shape (n,)
+        False where it is not known.
+    errors : ndarray of float64, shape (n,), or None
+        In `truth.error_unit`.
+    kind : str
+        What the matches are, such as ``live matches``; sequences are neither live nor smoothed.
+    title : str
+        What a figure shows: what the matches are, and at which precision they are accepted.
+    sentence : str
+        The verdict.
+    """
 
-    @property
-    def kind(self) -> str:
-        """What the matches are, such as ``live matches``; sequences are neither."""
-        settings = self.matches.settings
-        if settings.matching != "filter":
-            return "matches"
-        return f"{'smoothed' if settings.smooth else 'live'} matches"
-
-    @property
-    def title(self) -> str:
-        """What a figure shows: what the matches are, and at which precision they are accepted."""
-        kind = self.kind.capitalize()
-        if self.precision is None:
-            return kind
-        if self.matches.settings.precision is None:
-            return f"{kind}, accepted as at precision {self.precision:g}"
-        return f"{kind}, accepted at precision {self.precision:g}"
-
-    @property
-    def time_s(self) -> npt.NDArray[np.float64]:
-        """Time of each match, shape (n,)."""
-        return np.asarray(self.matches.time_us / 1e6)
-
-    @property
-    def correct(self) -> Bools:
-        """Whether each match is correct; False where it is not known."""
-        return (
-            np.zeros(len(self.matches), np.bool_)
-            if self.evaluation is None
-            else self.evaluation.correct
-        )
-
-    @property
-    def wrong(self) -> Bools:
-        """Whether each match is wrong; False where it is not known."""
-        if self.evaluation is None:
-            return np.zeros(len(self.matches), np.bool_)
-        return self.evaluation.evaluated & ~self.evaluation.correct
-
-    @property
-    def errors(self) -> npt.NDArray[np.float64] | None:
-        """Error of each match in `truth.error_unit`; None before an evaluation."""
-        return None if self.evaluation is None else self.evaluation.error
+    def __init__(
+        self,
+        matches: Matches,
+        precision: float | None,
+        accepted: Bools,
+        evaluation: Evaluation | None = None,
+    ) -> None:
+        self.matches, self.precision, self.accepted = matches, precision, accepted
+        self.evaluation, self.time_s = evaluation, matches.time_s
+        self.truth: GroundTruth | None = None
+        self.errors: npt.NDArray[np.float64] | None = None
+        self.correct = self.wrong = np.zeros(len(matches), np.bool_)
+        if evaluation is not None:
+            self.truth, self.errors, self.correct = (
+                evaluation.truth, evaluation.error, evaluation.correct
+            )  # fmt: skip
+            self.wrong = evaluation.evaluated & ~evaluation.correct
+        settings = matches.settings
+        self.kind = "matches"
+        if settings.matching == "filter":
+            self.kind = f"{'smoothed' if settings.smooth else 'live'} matches"
+        self.title = self.kind.capitalize()
+        if precision is not None:
+            as_if = "as " * (settings.precision is None)
+            self.title += f", accepted {as_if}at precision {precision:g}"
+        self.sentence = f"{'; '.join(filter(None, self._parts()))}."
 
     def wrong_runs(self) -> list[npt.NDArray[np.intp]]:
         """Return the indices of wrong matches that lie close together in time."""
@@ -92,10 +87,6 @@ class Outcome:
         steps = np.diff(time)
         apart = max(1.5 * float(np.median(steps)), _TOGETHER * float(time[-1] - time[0]))
         return np.split(wrong, 1 + np.flatnonzero(np.diff(time[wrong]) > apart))
-
-    def sentence(self) -> str:
-        """Return the verdict."""
-        return f"{'; '.join(filter(None, self._parts()))}."
 
     def _parts(self) -> list[str]:
         n = len(self.matches)
