@@ -13,7 +13,7 @@ import os
 import warnings
 import zipfile
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from dataclasses import fields, is_dataclass
 from pathlib import Path
 from typing import IO, Any
@@ -22,7 +22,7 @@ import numpy as np
 import numpy.typing as npt
 
 from edge_vpr.errors import EdgeVprError, MapError, as_path, printable
-from edge_vpr.files import open_input, replacing
+from edge_vpr.files import link, open_input, replacing
 
 Arrays = dict[str, npt.NDArray[Any]]
 
@@ -107,22 +107,12 @@ def write_archive(
     meta = {"kind": kind, "version": SCHEMA_VERSION, **meta}
     checksum = checksum_of(meta, arrays)
     header = json.dumps({**meta, "checksum": checksum})
+    same = [other for other in others if _header_of(other).get("checksum") == checksum]
     with replacing(path, overwrite) as temporary:
-        for other in others:
-            if _header_of(other).get("checksum") == checksum and _link(other, temporary):
-                return
+        if same and link(same[0], temporary):
+            return
         with temporary.open("wb") as file:
             np.savez_compressed(file, allow_pickle=False, **{_HEADER: np.array(header)}, **arrays)
-
-
-def _link(other: str | Path, path: Path) -> bool:
-    """Replace a file by a hard link to another; return False where the file system has none."""
-    path.unlink()
-    with suppress(OSError):
-        os.link(other, path)
-        return True
-    path.touch()
-    return False
 
 
 def checksum_of(meta: Mapping[str, Any], arrays: Mapping[str, npt.NDArray[Any]]) -> str:

@@ -20,7 +20,7 @@ from numba import config, njit, types
 from numba.core import caching, event
 from numba.core.dispatcher import Dispatcher
 
-from edge_vpr.compile_report import COMPILING, DAMAGED, tell
+from edge_vpr.run_log import COMPILING, DAMAGED, tell
 
 # Compilation of kernels, and the cache of compiled code.
 #

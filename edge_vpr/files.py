@@ -374,6 +374,16 @@ def _replace_folder(new: Path, target: Path) -> None:
     shutil.rmtree(old, ignore_errors=True)
 
 
+def link(other: str | Path, path: Path) -> bool:
+    """Replace a file by a hard link to another; return False where the file system has none."""
+    path.unlink()
+    with suppress(OSError):
+        os.link(other, path)
+        return True
+    path.touch()
+    return False
+
+
 def _sync(path: Path) -> None:
     """Wait until a file, or the entries of a folder, are on the disk."""
     handle = os.open(path, os.O_RDONLY | os.O_CLOEXEC)

@@ -61,7 +61,6 @@ from edge_vpr.results import (
     QUERIES_KIND,
     RUN,
     WINDOWS,
-    RemovedEvents,
     RunRecord,
     read_run,
     results_folder,
@@ -393,7 +392,9 @@ class MatchResult:
         )
         if self.matches.settings.matching == "filter":
             unlike = int(np.count_nonzero(self.matches.misfit >= OFF_MAP_MISFIT))
-            lines["views"] = f"{unlike:,} of {len(self):,} matches look unlike the map"
+            lines["views"] = (
+                f"{unlike:,} of {self.matches.query.size:,} matches look unlike the map"
+            )
         if windows is not None and windows.counted is not None and windows.selected_events.any():
             beyond = 1 - windows.counted.sum() / windows.selected_events.sum()
             lines["pixels"] = (
@@ -616,7 +617,7 @@ class MatchResult:
             write_queries(folder / QUERIES, self.queries)
         if self.windows is not None:
             write_queries(folder / WINDOWS, self.windows)
-        left_out = removed_record(self.removed, int(self.reference.hot.sum()))
+        left_out = self.removed.record(int(self.reference.hot.sum()))
         settings = self.matches.settings.to_dict()
         run = run_record(settings, inputs, left_out, self.start_us, self.clock_us)
         write_json(folder / RUN, run)
@@ -665,8 +666,3 @@ def read_queries(folder: Path, name: str = QUERIES) -> Descriptors | None:
         return None
     arrays, _ = read_archive(folder / name, QUERIES_KIND)
     return Descriptors.from_arrays(arrays)
-
-
-def removed_record(removed: Removed, hot_pixels: int) -> RemovedEvents:
-    """Return what cleaning removed, for `run.json`."""
-    return RemovedEvents(removed.events, removed.burst_events, removed.burst_share, hot_pixels)

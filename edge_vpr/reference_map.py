@@ -164,7 +164,7 @@ class ReferenceMap(EqualByValue):
         if self.odometer_mm is not None:
             check_distance_driven(self.odometer_mm, len(places))
         self._check_learnt()
-        code, most = self.contrast_code, settings.most_counted
+        most, code = settings.most_counted, settings.contrast_code
         if code is None:
             if most is not None:
                 check_range(places.counts, "counts", 0, most)
@@ -389,14 +389,7 @@ class ReferenceMap(EqualByValue):
         """
         if settings is not None:
             expect(settings, Settings, "settings", "Settings, or keywords such as precision=0.99")
-        chosen = (settings or self.settings).at_places_of(self.settings).replaced(changes, by)
-        for name in chosen.of_map:
-            wanted, own = getattr(chosen, name), getattr(self.settings, name)
-            if wanted != own:
-                raise UsageError(
-                    f"{by}: setting {name} = {wanted!r}, and the map was made with {own!r}: match "
-                    "with the map's, or build another map"
-                )
+        chosen = self.settings.of_match(settings or self.settings, changes, by)
         matched = self.matched_with(chosen)
         asks_for_another = chosen.stays_on_map and not self.settings.stays_on_map
         if asks_for_another and matched.confidence is not None:
@@ -405,7 +398,7 @@ class ReferenceMap(EqualByValue):
                 "map has a table of its own (edge-vpr calibrate), which is used: leave it out"
             )
         # a precision that the table cannot reach is an error before any work
-        _ = matched.acceptance
+        Acceptance.of(chosen, matched.confidence)
         return matched
 
     def causal(self) -> ReferenceMap:
@@ -532,6 +525,11 @@ class ReferenceMap(EqualByValue):
         """Packed size of all places that begin in a window, in bytes."""
         return self.packed_bytes_per_place * self.settings.window_parts
 
+    @property
+    def size(self) -> str:
+        """Packed size, as text."""
+        return _size(self.packed_bytes_per_window, self.windows.window_us)
+
     def save(
         self, path: str | Path, *, overwrite: bool = False, others: Iterable[str | Path] = ()
     ) -> None:
@@ -620,12 +618,11 @@ class MapInfo:
         positions = "none"
         if self.route_m is not None:
             positions = f"{self.places_with_position:,} places, along {self.route_m:,.0f} m"
-        of_a_second = self.packed_bytes_per_place * self.window_parts * 1e6 / self.window_us
         return {
             "sensor": self.sensor,
             "places": f"{self.places:,}",
             "pixels": f"{self.pixels:,}, {self.counter_bits} bits each",
-            "size": f"{of_a_second:,.0f} bytes per second of the route, packed",
+            "size": _size(self.packed_bytes_per_place * self.window_parts, self.window_us),
             "duration": f"{self.duration_us / 1e6:.6f} s, windows of {self.window_us / 1e6:g} s",
             "positions": positions,
             "matching": str(self.settings["matching"]),
@@ -633,6 +630,10 @@ class MapInfo:
 
     def __str__(self) -> str:
         return "\n".join(f"{name:<9} {text}" for name, text in self.lines.items())
+
+
+def _size(bytes_per_window: int, window_us: int) -> str:
+    return f"{bytes_per_window * 1e6 / window_us:,.0f} bytes per second of the route, packed"
 
 
 def check_causal(changes: Mapping[str, Any], by: str) -> None:

@@ -18,9 +18,7 @@ from typing import Any, Literal, TypeVar, Union, get_args, get_origin, get_type_
 
 from edge_vpr.errors import EdgeVprError, UsageError, printable
 from edge_vpr.files import (
-    check_absent,
-    check_output,
-    check_parent,
+    check_new_file,
     open_input,
     read_json,
     replacing,
@@ -57,9 +55,7 @@ def check_output_folder(
         If it exists and may not be replaced, does not look like one of ours, or an input would be
         lost.
     """
-    check_output(path, inputs)
-    check_parent(path)
-    check_absent(path, overwrite)
+    check_new_file(path, inputs, overwrite)
     if not path.exists():
         return
     ours = path.is_dir() and (not any(path.iterdir()) or (path / RUN).is_file())
@@ -349,18 +345,19 @@ def run_record(
     clock_us : int
         Start of the recording, where its clock counts from 1970; else 0.
     """
+    command, warnings = command_line(), warnings_so_far()
     versions = {"python": platform.python_version()}
     versions |= {name: version(name) for name in ("edge-vpr", "numpy", "numba")}
     return RunRecord(
         schema=1,
-        command=command_line(),
+        command=command,
         finished_utc=datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds"),
         settings=dict(settings),
         versions=versions,
         machine=Machine(platform.platform(), processor_name()),
         inputs=tuple(hash_input(file) for path in inputs for file in _files(Path(path))),
         removed=removed,
-        warnings=warnings_so_far() or None,
+        warnings=warnings or None,
         start_us=start_us or None,
         clock_us=clock_us or None,
     )

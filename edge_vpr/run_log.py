@@ -1,13 +1,20 @@
-"""The command that runs, and the warnings that it has printed, for the record of a run."""
+"""What is told of a run while it goes on: its command, its warnings, and that kernels are compiled.
+
+Commands that need no kernel import this, and not the compiler.
+"""
 
 from __future__ import annotations
 
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+
+COMPILING = "compiling kernels, once on each machine for each kind of work"
+DAMAGED = "compiled kernels are damaged or of an older version: all are deleted and compiled again"
 
 _commands: list[tuple[str, ...]] = []
 _warnings: list[list[str]] = [[]]
+_reports: list[Callable[[str], object]] = []
 
 
 @contextmanager
@@ -41,3 +48,32 @@ def command_line() -> tuple[str, ...]:
 def warnings_so_far() -> tuple[str, ...]:
     """Return the warnings that the running command has printed."""
     return tuple(_warnings[-1])
+
+
+@contextmanager
+def compiling_reported(report: Callable[[str], object]) -> Iterator[None]:
+    """Report once when a kernel is compiled within the block, and once when code was damaged.
+
+    Parameters
+    ----------
+    report : callable
+        Takes the text.
+    """
+    reported: set[str] = set()
+
+    def once(text: str) -> None:
+        if text not in reported:
+            reported.add(text)
+            report(text)
+
+    _reports.append(once)
+    try:
+        yield
+    finally:
+        _reports.remove(once)
+
+
+def tell(text: str) -> None:
+    """Tell the blocks that wait for it; `edge_vpr.compiling` calls this."""
+    for report in _reports:
+        report(text)

@@ -531,6 +531,28 @@ class Settings:
             return self
         return replace(self, places_per_window=reference.places_per_window)
 
+    def of_match(self, settings: Settings, changes: Mapping[str, Any], by: str) -> Settings:
+        """Return settings for a match with a map of these settings.
+
+        Parameters
+        ----------
+        settings : Settings
+            Before the changes; those that the map was made with must be the map's.
+        changes : mapping
+            Single settings, by name.
+        by : str
+            Who asks, for error messages.
+        """
+        chosen = settings.at_places_of(self).replaced(changes, by)
+        for name, own in self.of_map.items():
+            wanted = getattr(chosen, name)
+            if wanted != own:
+                raise UsageError(
+                    f"{by}: setting {name} = {wanted!r}, and the map was made with {own!r}: match "
+                    "with the map's, or build another map"
+                )
+        return chosen
+
     @property
     def hypotheses(self) -> int:
         """Number of gains that the filter follows: with other codes or windows by count, 1."""

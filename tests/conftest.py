@@ -94,7 +94,7 @@ def run(capsys: pytest.CaptureFixture[str]) -> Callable[..., tuple[str, str]]:
 @pytest.fixture
 def refused(run: Callable[..., tuple[str, str]]) -> Callable[..., str]:
     """Run a command line that is refused; return its error, which is one line."""
-    from edge_vpr.compile_report import COMPILING
+    from edge_vpr.run_log import COMPILING
 
     def refused(*words: object, code: int = 2) -> str:
         err = run(*words, code=code)[1].removeprefix(f"edge-vpr: {COMPILING}\n")

@@ -45,6 +45,7 @@ from edge_vpr.recordings.reading import (
     Faults,
     ForeignRecording,
 )
+from edge_vpr.results import RemovedEvents
 from edge_vpr.settings import Settings
 
 # Kernels that count events at selected pixels.
@@ -606,6 +607,10 @@ class Removed:
     def burst_share(self) -> float:
         """Share of the events that were removed as bursts."""
         return self.burst_events / self.events if self.events else 0.0
+
+    def record(self, hot_pixels: int) -> RemovedEvents:
+        """Return what was removed, for `run.json`."""
+        return RemovedEvents(self.events, self.burst_events, self.burst_share, hot_pixels)
 
 
 def cleaned(

@@ -14,7 +14,6 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any, NamedTuple, Self, Unpack
 
-from edge_vpr.compile_report import compiling_reported
 from edge_vpr.compiling import have_kernels
 from edge_vpr.errors import RecordingError, UsageError, expect, printable
 from edge_vpr.events import Sensor
@@ -29,6 +28,7 @@ from edge_vpr.live.watches import SILENT_S, LagWatch, LineWatch, MisfitWatch
 from edge_vpr.matching.match import Match, heartbeat
 from edge_vpr.online.schedule import MatchSchedule
 from edge_vpr.reference_map import ReferenceMap, check_causal
+from edge_vpr.run_log import compiling_reported
 from edge_vpr.settings import (
     MatchingChanges,
     PartName,

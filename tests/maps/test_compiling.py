@@ -24,7 +24,7 @@ def taken(x):
     return x - SHIFT
 """
 _PROGRAM = """
-from edge_vpr.compile_report import COMPILING, compiling_reported
+from edge_vpr.run_log import COMPILING, compiling_reported
 with compiling_reported(lambda text: text == COMPILING or print(text)):
     import two_kernels
     print(two_kernels.added(5), two_kernels.taken(5))

@@ -23,10 +23,10 @@ from edge_vpr_tools.console import Verbosity, in_flags, verbosity
 import edge_vpr
 from edge_vpr import errors
 from edge_vpr.archive import archive_kind
-from edge_vpr.compile_report import compiling_reported
 from edge_vpr.errors import EdgeVprError, MissingExtraError, UsageError, did_you_mean
 from edge_vpr.events import join_events, make_events
 from edge_vpr.recordings import open_recording, write_recording
+from edge_vpr.run_log import compiling_reported
 from edge_vpr.settings import PRESETS, SETTING_FIELDS
 from tests.live.devices import sent_by
 from tests.streams import random_events

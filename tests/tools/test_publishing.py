@@ -25,7 +25,6 @@ from edge_vpr_tools.cli import main
 from edge_vpr_tools.live_view import row_of
 from edge_vpr_tools.publish import MatchServer, parse_address
 
-from edge_vpr.compile_report import COMPILING
 from edge_vpr.errors import UsageError
 from edge_vpr.events import Sensor
 from edge_vpr.live.links import LinkError
@@ -33,6 +32,7 @@ from edge_vpr.live.session import LiveSession, Message
 from edge_vpr.matching.match import Match
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.route import Route
+from edge_vpr.run_log import COMPILING
 from edge_vpr.settings import Settings
 from tests.live.devices import sent_by, wait_until
 from tests.streams import Drive, random_events

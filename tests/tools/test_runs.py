@@ -17,12 +17,12 @@ from edge_vpr_tools.commands.info import summarise
 from edge_vpr_tools.truth_files import TruthFiles
 from numba.core import event
 
-from edge_vpr.compile_report import COMPILING
 from edge_vpr.match_result import MatchResult, describe_query
 from edge_vpr.matching.drive import match_query
 from edge_vpr.recordings import open_recording
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.results import to_json
+from edge_vpr.run_log import COMPILING
 
 ROOT = Path(__file__).parents[2]
 

@@ -20,7 +20,6 @@ from types import FrameType, ModuleType
 from typing import Any, NoReturn
 
 from edge_vpr import __version__
-from edge_vpr.compile_report import compiling_reported
 from edge_vpr.errors import (
     EdgeVprError,
     EdgeVprWarning,
@@ -29,6 +28,7 @@ from edge_vpr.errors import (
     number_in,
     printable,
 )
+from edge_vpr.run_log import compiling_reported
 from edge_vpr_tools.console import (
     Verbosity,
     error_line,

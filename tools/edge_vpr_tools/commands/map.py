@@ -109,7 +109,6 @@ def run(args: argparse.Namespace) -> None:
     from edge_vpr.evaluation.facts import Drive, facts
     from edge_vpr.evaluation.track_files import load_track
     from edge_vpr.files import check_new_file, check_new_map
-    from edge_vpr.match_result import removed_record
     from edge_vpr.reference_map import KIND, ReferenceMap
     from edge_vpr.results import json_text, run_record, to_json, write_json
     from edge_vpr_tools.inputs import open_source, watched
@@ -164,8 +163,7 @@ def run(args: argparse.Namespace) -> None:
         reference = update.reference
     reference.save(output, overwrite=args.overwrite)
     hot_pixels = int(reference.hot.sum())
-    left_out = removed_record(removed, hot_pixels)
-    record = run_record(reference.settings.to_dict(), inputs, left_out)
+    record = run_record(reference.settings.to_dict(), inputs, removed.record(hot_pixels))
     write_json(run_file, record)
     info = reference.info()
     if args.json:

@@ -103,7 +103,6 @@ def run(args: argparse.Namespace) -> None:
     output = Path(args.output)
     inputs = list(filter(None, (args.map, args.recording, args.odometry)))
     results.check_output_folder(output, args.overwrite, inputs)
-    formats = figure_formats(args.figures)
     matrix = None if args.matrix is None else Path(args.matrix)
     if matrix is not None:
         _check_matrix(matrix, inputs, args)
@@ -119,6 +118,7 @@ def run(args: argparse.Namespace) -> None:
     for path in args.export or ():
         check_track_file(path, reference)
         check_new_file(Path(path), inputs, args.overwrite)
+    formats = figure_formats(args.figures)
     with_flags = with_match_flags(args, reference, online=args.online)
     if args.every is not None and not args.online:
         raise UsageError("--every says when to match online: add --online, or leave it out")
@@ -141,7 +141,7 @@ def run(args: argparse.Namespace) -> None:
         assert along_mm is not None  # else matching refuses odometry
         route_m = length_m(along_mm / 1e3, reference.settings.window_parts)
         facts.append(of_part(recording, odometry).beside(matches.time_us, route_m))
-    size = f"{places_text(reference)}, {reference.info().lines['size']}"
+    size = f"{places_text(reference)}, {reference.size}"
     drives = result.facts()
     outcome = outcome_of(result.reference, matches)
     with results.results_folder(output, args.overwrite) as folder:

@@ -188,7 +188,7 @@ def _described(reference: ReferenceMap, matches: Matches) -> str:
     return (
         f"{len(matches):,} matches with {places_text(reference)} {by}, at "
         f"{len(reference.pixel_map)} of {reference.pixel_map.sensor.pixels:,} pixels; "
-        f"{reference.info().lines['size']}."
+        f"{reference.size}."
     )
 
 
