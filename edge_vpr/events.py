@@ -120,6 +120,8 @@ NO_EVENTS = empty_events(0)
 LONGEST_SIDE = 1 << 16
 #: Times lie between minus and plus this, in microseconds: differences of two cannot overflow.
 TIME_LIMIT_US = 1 << 60
+#: Times after this one, in 1973, count from 1970 and not from a recording's start.
+UNIX_US = 10**14
 
 
 class Sensor(NamedTuple):

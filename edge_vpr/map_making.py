@@ -8,7 +8,6 @@ from __future__ import annotations
 import warnings
 from collections.abc import Mapping
 from dataclasses import replace
-from inspect import signature
 from pathlib import Path
 from typing import Any, TypeVar, cast
 
@@ -25,6 +24,7 @@ from edge_vpr.descriptors.counting import (
     WindowSource,
     check_counted,
     check_parts,
+    check_reading,
     check_sensor,
     check_windows_only,
     count_places,
@@ -32,6 +32,7 @@ from edge_vpr.descriptors.counting import (
     event_windows,
     opened,
     too_short,
+    unix_start,
 )
 from edge_vpr.descriptors.pixels import (
     PixelMap,
@@ -51,11 +52,10 @@ from edge_vpr.descriptors.windows import (
 from edge_vpr.errors import EdgeVprWarning, MapError, UsageError, expect
 from edge_vpr.evaluation.tables import TableData, load_odometry
 from edge_vpr.evaluation.track_files import AnyTrack, load_track
-from edge_vpr.evaluation.tracks import UNIX_US, Track, with_positions
+from edge_vpr.evaluation.tracks import Track, with_positions
 from edge_vpr.events import Sensor, SensorSize
 from edge_vpr.learning import MapUpdate, learn_drive
 from edge_vpr.odometry import Odometry
-from edge_vpr.recordings import open_recording
 from edge_vpr.recordings.memory import column_names
 from edge_vpr.recordings.reading import EventSource
 from edge_vpr.reference_map import KIND, ReferenceMap
@@ -460,9 +460,9 @@ def loaded_track(track: AnyTrack) -> Track:
 
 def odometry_of(odometry: Odometry | TableData | str | Path | None) -> Odometry | None:
     """Return odometry, read from its file if that is given."""
-    return (
-        odometry if odometry is None or isinstance(odometry, Odometry) else load_odometry(odometry)
-    )
+    if odometry is None or isinstance(odometry, Odometry):
+        return odometry
+    return load_odometry(odometry)
 
 
 _Timed = TypeVar("_Timed", bound=Track | Odometry | None)
@@ -479,18 +479,3 @@ def of_part(drive: EventSource | WindowSource, readings: _Timed) -> _Timed:
         else replace(readings, time_us=readings.time_us - start_us)
     )
     return moved
-
-
-def unix_start(drive: EventSource | WindowSource) -> int:
-    """Return where a whole recording begins on its clock, if that counts from 1970; else 0."""
-    start_us = drive.start_us - drive.cropped_us
-    return start_us if start_us >= UNIX_US else 0
-
-
-def check_reading(changes: Mapping[str, Any], by: str) -> None:
-    """Refuse, among settings, what says how a file is read."""
-    for name in changes.keys() & signature(open_recording).parameters:
-        raise UsageError(
-            f"{by}: {name} is no setting, and says how a recording is read: give "
-            f"open_recording(recording, {name}={changes[name]!r}) in its place"
-        )

@@ -20,10 +20,12 @@ from edge_vpr.descriptors.counting import (
     DescriptorStream,
     Removed,
     WindowSource,
+    check_reading,
     check_sensor,
     cleaned,
     count_windows,
     opened,
+    unix_start,
     window_of,
 )
 from edge_vpr.descriptors.windows import Descriptors, WindowCounts, collect
@@ -34,13 +36,7 @@ from edge_vpr.evaluation.metrics import Evaluation, RecallDenominator, evaluate
 from edge_vpr.evaluation.tables import TableData
 from edge_vpr.evaluation.track_files import AnyTrack
 from edge_vpr.events import TIME_LIMIT_US
-from edge_vpr.map_making import (
-    check_reading,
-    loaded_track,
-    odometry_of,
-    of_part,
-    unix_start,
-)
+from edge_vpr.map_making import loaded_track, odometry_of, of_part
 from edge_vpr.matching.drive import match_query
 from edge_vpr.matching.match import join_matches
 from edge_vpr.matching.matches import Matches, write_csv
@@ -94,7 +90,8 @@ def match(
     inputs = tuple(str(each) for each in files if isinstance(each, str | Path))
     if isinstance(drive, Recording) and drive is recording and drive.format != MEMORY:
         inputs = (str(drive.path), *inputs)
-    odometry = of_part(drive, odometry_of(odometry))
+    if odometry is not None:
+        odometry = of_part(drive, odometry_of(odometry))
     if every is None:
         result = _match_windows(matched, drive, odometry)
     elif isinstance(drive, WindowSource):
@@ -613,10 +610,9 @@ class MatchResult:
         self.reference.save(folder / MAP, others=inputs)
         self.matches.save(folder / MATCHES)
         write_csv(folder / MATCHES_CSV, self.matches, self.reference.route)
-        if self.queries is not None:
-            write_queries(folder / QUERIES, self.queries)
-        if self.windows is not None:
-            write_queries(folder / WINDOWS, self.windows)
+        for name, windows in ((QUERIES, self.queries), (WINDOWS, self.windows)):
+            if windows is not None:
+                write_archive(folder / name, QUERIES_KIND, windows.to_arrays(), {})
         left_out = self.removed.record(int(self.reference.hot.sum()))
         settings = self.matches.settings.to_dict()
         run = run_record(settings, inputs, left_out, self.start_us, self.clock_us)
@@ -653,11 +649,6 @@ class MatchResult:
 def _shown() -> Any:
     """Return the module that draws results, one of the tools: a robot loads none of them."""
     return import_module("edge_vpr_tools.report.of_result")
-
-
-def write_queries(path: Path, queries: Descriptors) -> None:
-    """Write the windows of a drive."""
-    write_archive(path, QUERIES_KIND, queries.to_arrays(), {})
 
 
 def read_queries(folder: Path, name: str = QUERIES) -> Descriptors | None:

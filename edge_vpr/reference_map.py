@@ -20,12 +20,11 @@ from edge_vpr.archive import (
     archive_errors,
     check_array,
     check_range,
-    present,
     read_archive,
     write_archive,
 )
 from edge_vpr.confidence import Acceptance, Confidence
-from edge_vpr.descriptors.codes import counted_events, encode_own, encode_running, saturated
+from edge_vpr.descriptors.codes import counted_events, encode, saturated
 from edge_vpr.descriptors.counting import AnyRecording, Removed
 from edge_vpr.descriptors.pixels import PixelMap
 from edge_vpr.descriptors.windows import Descriptors, activity_of_drive, check_descriptors, narrow
@@ -479,14 +478,11 @@ class ReferenceMap(EqualByValue):
 
     def coded(self, counted: Descriptors) -> Descriptors:
         """Replace the counts of a query by the codes of this map."""
-        code = self.contrast_code
-        if code is not None and self.mean is not None:
-            activity, gains = self.mean_activity, self.settings.hypotheses
-            counted = replace(counted, counted=self.counted_events(counted))
-            if self.settings.running_mean:
-                return encode_running(counted, code, self.mean, activity, gains)
-            return encode_own(counted, code, activity, gains)
-        return saturated(counted, self.settings.most_counted)
+        code, activity, settings = self.contrast_code, self.mean_activity, self.settings
+        if code is None or self.limits is None:
+            return saturated(counted, settings.most_counted)
+        start = self.mean if settings.running_mean else None
+        return encode(counted, code, self.limits, start, activity, settings.hypotheses)
 
     def counted_events(self, counted: Descriptors) -> npt.NDArray[np.int64]:
         """Return the events of each window of counts that count, shape (n,)."""
@@ -551,7 +547,8 @@ class ReferenceMap(EqualByValue):
             "saliency": self.saliency,
             "hot": self.hot,
         }
-        arrays |= present(**{name: getattr(self, name) for name in _OPTIONAL})
+        optional = ((name, getattr(self, name)) for name in _OPTIONAL)
+        arrays |= {name: array for name, array in optional if array is not None}
         meta: dict[str, Any] = {
             "settings": self.settings.to_dict(),
             "sensor": list(self.pixel_map.sensor),

@@ -98,6 +98,35 @@ def counted_events(
     return np.minimum(counts, limits).sum(axis=1, dtype=np.int64)
 
 
+def encode(
+    counted: Descriptors,
+    code: ContrastCode,
+    limits: npt.NDArray[np.int32],
+    start: npt.NDArray[np.int32] | None,
+    mean_activity: int,
+    gains: int,
+) -> Descriptors:
+    """Code the counts of a query.
+
+    Parameters
+    ----------
+    counted : Descriptors
+        Counts.
+    limits : ndarray of int32, shape (J,)
+        Of the reference, see `limits_of`.
+    start : ndarray of int32, shape (J,), or None
+        Where a running mean starts, see `encode_running`; None: see `encode_own`.
+    mean_activity : int
+        Of the reference, see `activity_of_drive`.
+    gains : int
+        See `encode_own`.
+    """
+    counted = replace(counted, counted=counted_events(counted.counts, limits))
+    if start is None:
+        return encode_own(counted, code, mean_activity, gains)
+    return encode_running(counted, code, start, mean_activity, gains)
+
+
 def encode_own(
     counted: Descriptors, code: ContrastCode, mean_activity: int, gains: int
 ) -> Descriptors:

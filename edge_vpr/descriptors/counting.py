@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from fractions import Fraction
+from inspect import signature
 from pathlib import Path
 from typing import Any, Protocol, TypeAlias, runtime_checkable
 
@@ -14,7 +15,6 @@ import numpy.typing as npt
 from edge_vpr.compiling import kernel
 from edge_vpr.descriptors.cleaning import BurstFilter
 from edge_vpr.descriptors.pixels import PixelMap
-from edge_vpr.descriptors.unseen import UnseenTime
 from edge_vpr.descriptors.windows import (
     MAX_WINDOWS,
     Descriptors,
@@ -28,6 +28,7 @@ from edge_vpr.descriptors.windows import (
 from edge_vpr.errors import EventError, MapError, UsageError, expect, kind_of
 from edge_vpr.events import (
     NO_EVENTS,
+    UNIX_US,
     Events,
     Sensor,
     SensorSize,
@@ -265,6 +266,85 @@ def _off_sensor(x: Column, y: Column, width: int, height: int) -> EventError:
         f"event at column {x.max()} or row {y.max()} lies off the {width}x{height} sensor: "
         "name the right sensor, or drop such events when reading"
     )
+
+
+# Time in which nothing was seen: no event of the whole sensor for a quarter of a window or more.
+#
+# A camera that sees has noise at least. So lost frames, a restart of the camera, bytes that the
+# host dropped and a cut in a recording are one fact, which needs no report of the loss.
+
+
+_NEVER_US = 1 << 62
+#: Events of which the times are compared first: only a long step between two holds a short one.
+_STRIDE = 64
+
+
+class UnseenTime:
+    """Follows the times of all events, and says when time is known to be unseen.
+
+    It is counted in halves of a window, rounded up. Of a gap, the first half is known as soon as a
+    quarter has passed, and the others at its end: the same however the stream is cut.
+
+    >>> unseen = UnseenTime(FixedTime(tau_us=100))
+    >>> unseen.until(40)  # the first event is still to come
+    [(25, 1)]
+    >>> unseen.feed(np.array([60, 70, 130]))
+    [(60, 1), (95, 1), (130, 1)]
+
+    Parameters
+    ----------
+    window : FixedTime or FixedCount
+        In windows of a fixed number of events, no time is unseen.
+    """
+
+    def __init__(self, window: Window) -> None:
+        tau_us = window.tau_us if isinstance(window, FixedTime) else _NEVER_US
+        self.half_us, self.quarter_us = max(tau_us // 2, 1), max(tau_us // 4, 1)
+        self.seen_us = 0  #: Time of the newest event.
+        self.told = False  #: Whether the first half since then has been returned.
+
+    def is_near(self, time_us: int) -> bool:
+        """Return whether there is no gap from the newest event to this time."""
+        return time_us - self.seen_us < self.quarter_us
+
+    def until(self, time_us: int) -> list[tuple[int, int]]:
+        """Return (time, halves) if they are known once there is no event before `time_us`."""
+        if self.told or self.is_near(time_us):
+            return []
+        self.told = True
+        return [(self.seen_us + self.quarter_us, 1)]
+
+    def feed(self, t: npt.NDArray[Any]) -> list[tuple[int, int]]:
+        """Return the times at which halves become known, and how many, up to the last event.
+
+        Parameters
+        ----------
+        t : ndarray of int64, shape (n,)
+            Times of the next events, rising.
+        """
+        pauses: list[tuple[int, int]] = []
+        if not t.size:
+            return pauses
+        if self.is_near(int(t[-1])):
+            self.seen_us, self.told = int(t[-1]), False
+            return pauses
+        for i in self._steps(t):
+            self.seen_us, self.told = (int(t[i - 1]), False) if i else (self.seen_us, self.told)
+            pauses += self.until(int(t[i]))
+            if more := -((self.seen_us - int(t[i])) // self.half_us) - 1:  # rounded up
+                pauses.append((int(t[i]), more))
+        self.seen_us, self.told = int(t[-1]), False
+        return pauses
+
+    def _steps(self, t: npt.NDArray[Any]) -> list[int]:
+        """Return which events come a quarter or more after the one before."""
+        marks = np.append(t[::_STRIDE], t[-1:])
+        far = np.flatnonzero(np.diff(marks) >= self.quarter_us)
+        steps = [] if self.is_near(int(t[0])) else [0]
+        for begin in (far * _STRIDE).tolist():
+            part = np.diff(t[begin : begin + _STRIDE + 1])
+            steps += (begin + 1 + np.flatnonzero(part >= self.quarter_us)).tolist()
+        return steps
 
 
 # Conversion of a stream of events to descriptors; decides which events belong to a window.
@@ -550,6 +630,21 @@ def opened(
         )
     source: EventSource | WindowSource = drive
     return source
+
+
+def unix_start(drive: EventSource | WindowSource) -> int:
+    """Return where a whole recording begins on its clock, if that counts from 1970; else 0."""
+    start_us = drive.start_us - drive.cropped_us
+    return start_us if start_us >= UNIX_US else 0
+
+
+def check_reading(changes: Mapping[str, Any], by: str) -> None:
+    """Refuse, among settings, what says how a file is read."""
+    for name in changes.keys() & signature(open_recording).parameters:
+        raise UsageError(
+            f"{by}: {name} is no setting, and says how a recording is read: give "
+            f"open_recording(recording, {name}={changes[name]!r}) in its place"
+        )
 
 
 def check_sensor(recording: Sensor, mapped: Sensor) -> None:

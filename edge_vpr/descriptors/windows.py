@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from edge_vpr.archive import EqualByValue, check_array, check_range, present
+from edge_vpr.archive import EqualByValue, check_array, check_range
 from edge_vpr.compiling import kernel, plain
 from edge_vpr.errors import MapError, UsageError, expect
 from edge_vpr.events import TIME_LIMIT_US
@@ -161,7 +161,8 @@ class Descriptors(EqualByValue):
 
     def to_arrays(self) -> dict[str, npt.NDArray[Any]]:
         """Return the arrays by name, for an archive; the inverse of `from_arrays`."""
-        return present(**{each.name: getattr(self, each.name) for each in fields(self)})
+        arrays = ((each.name, getattr(self, each.name)) for each in fields(self))
+        return {name: array for name, array in arrays if array is not None}
 
     @classmethod
     def from_arrays(cls, arrays: Mapping[str, npt.NDArray[Any]]) -> Descriptors:
@@ -407,6 +408,10 @@ def find_pauses(events: npt.NDArray[np.integer], mean_activity: int) -> npt.NDAr
     """
     paused = np.zeros(len(events), dtype=np.bool_)
     for i, count in enumerate(events.tolist()):
-        paused[i] = plain(is_pause)(count, mean_activity)
-        mean_activity = plain(mean_activity_after)(mean_activity, count)
+        paused[i] = _is_pause(count, mean_activity)
+        mean_activity = _mean_activity_after(mean_activity, count)
     return paused
+
+
+# without a compiler, which takes longer than the windows of a drive
+_is_pause, _mean_activity_after = plain(is_pause), plain(mean_activity_after)

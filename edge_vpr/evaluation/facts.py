@@ -10,8 +10,8 @@ import numpy as np
 
 from edge_vpr.descriptors.windows import Descriptors
 from edge_vpr.evaluation.ground_truth import GroundTruth, nearest
-from edge_vpr.evaluation.tracks import UNIX_US, Track, distances
-from edge_vpr.events import Sensor
+from edge_vpr.evaluation.tracks import Track, distances
+from edge_vpr.events import UNIX_US, Sensor
 
 _UNIX_ZERO = dt.datetime(1970, 1, 1, tzinfo=dt.UTC)
 
@@ -23,7 +23,7 @@ class Drive(NamedTuple):
     #: start_us, end_us: of the part, from the recording's start.
     start_us: int
     end_us: int
-    sensor: str
+    sensor: Sensor | str  #: Or why its size is not known.
     clock_us: int = 0  #: Start of the recording on its own clock.
     track: Track | None = None
     silent_us: tuple[int, int] = (0, 0)  #: Longest time of whole windows without an event.
@@ -44,7 +44,7 @@ class Drive(NamedTuple):
         begins, ends = windows.start_us[edges[::2]], windows.end_us[edges[1::2] - 1]
         longest = int(np.argmax(ends - begins)) if begins.size else None
         return cls(
-            int(windows.events.sum()), start_us, end_us, str(sensor), clock_us, track,
+            int(windows.events.sum()), start_us, end_us, sensor, clock_us, track,
             (0, 0) if longest is None
             else (start_us + int(begins[longest]), start_us + int(ends[longest])),
         )  # fmt: skip

@@ -11,7 +11,8 @@ import numpy as np
 import numpy.typing as npt
 
 from edge_vpr.errors import UsageError
-from edge_vpr.evaluation.tracks import UNIX_US, Floats
+from edge_vpr.evaluation.tracks import Floats
+from edge_vpr.events import UNIX_US
 from edge_vpr.files import replacing
 from edge_vpr.matching.matches import Matches
 from edge_vpr.reference_map import ReferenceMap

@@ -260,10 +260,6 @@ def distances(kind: Kind, a: Floats, b: Floats) -> Floats:
     return np.asarray(np.sqrt(((a - b) ** 2).sum(axis=-1)))
 
 
-#: Times after this one, in 1973, count from 1970 and not from a recording's start.
-UNIX_US = 10**14
-
-
 def positions_at(track: Track, times_us: npt.NDArray[Any], which: str, start_us: int = 0) -> Floats:
     """Return the positions of windows, shape (n, d), of which the track must cover one.
 

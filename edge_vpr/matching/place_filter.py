@@ -5,7 +5,7 @@ faster, and also if light, lens or thresholds of the camera give more of them. T
 follows seven hypotheses of this gain side by side. Each place has a metric for each of them: the
 cost of the cheapest path that ends there in the current window with this gain. `match_window` is
 the algorithm: see, predict, evidence, best, trust, by the names of the specification, of `filter.h`
-and of the core's units. `smoothing` adds the costs of a backward pass from later windows.
+and of the core's units. `drive` adds the costs of a backward pass from later windows.
 
 With one gain, the number of events is compared with its running mean instead of the reference's.
 """
@@ -170,11 +170,6 @@ class WindowRows(NamedTuple):
     def part(self, first: int, last: int) -> WindowRows:
         """Return the rows of the windows from `first` to before `last`, in the same memory."""
         return WindowRows(*(column[first:last] for column in self))  # type: ignore[arg-type]
-
-    def take(self, others: WindowRows) -> None:
-        """Copy the rows of as many other windows."""
-        for name, mine in self._asdict().items():
-            mine[:] = getattr(others, name)
 
 
 # The algorithm: five steps a window, which the specification and the device name alike.
@@ -494,9 +489,10 @@ class PlaceFilter:
             See `Transitions`.
         """
         events, number = places.counted_events, settings.window_parts
+        activity, typical = place_activity(events, number), typical_distances(places.counts)
         transitions = Transitions(
-            len(places), TransitionCosts.of(settings), place_activity(events, number),
-            along_mm, typical_distances(places.counts), settings.exclusion_places,
+            len(places), TransitionCosts.of(settings), activity, along_mm, typical,
+            settings.exclusion_places,
         )  # fmt: skip
         patience = PATIENCE_SMOOTHED if settings.smooth else PATIENCE
         return cls(transitions, activity_of_drive(events[::number]), patience)
@@ -521,7 +517,10 @@ class PlaceFilter:
         return match._replace(events=events, probability=np.nan)
 
     def update_windows(
-        self, distances: npt.NDArray[np.integer], events: npt.NDArray[np.int64]
+        self,
+        distances: npt.NDArray[np.integer],
+        events: npt.NDArray[np.int64],
+        rows: WindowRows | None = None,
     ) -> WindowRows:
         """Advance by n finished windows, n at least 1, one after the other.
 
@@ -531,9 +530,11 @@ class PlaceFilter:
             From the sums of the newest windows to each place.
         events : ndarray of int64, shape (n,)
             Counted events of each window.
+        rows : WindowRows, optional
+            Where the results are written; by default in new memory.
         """
         distances = self._checked(distances)
-        rows = WindowRows.empty(*distances.shape)
+        rows = WindowRows.empty(*distances.shape) if rows is None else rows
         match_windows(self.state, self.transitions.table, distances, events, rows)
         return rows
 

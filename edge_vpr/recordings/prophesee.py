@@ -512,8 +512,9 @@ class EvtSource(Source):
         decoder = EvtWordDecoder(self.options.format, n, self._endianness)
         for words, position in self._file.blocks(decoder.dtype, n, log, what="a word"):
             self.position = position
-            yield decoder.decode(words)
+            columns = decoder.decode(words)
             log.undated(decoder.take_undated())
+            yield columns
 
 
 class Evt2Sink:

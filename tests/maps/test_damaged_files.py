@@ -7,7 +7,7 @@ import tomllib
 import numpy as np
 import pytest
 
-from edge_vpr.archive import read_archive
+from edge_vpr.archive import read_archive, write_archive
 from edge_vpr.descriptors.cleaning import load_hot_pixels
 from edge_vpr.errors import (
     LONGEST_MESSAGE,
@@ -17,7 +17,7 @@ from edge_vpr.errors import (
     UsageError,
     printable,
 )
-from edge_vpr.match_result import write_queries
+from edge_vpr.results import QUERIES_KIND
 from edge_vpr.settings import resolve_settings
 from firmware_model.design import Design
 from firmware_model.errors import DesignError
@@ -32,7 +32,7 @@ def originals(tmp_path_factory):
     folder = tmp_path_factory.mktemp("originals")
     paths = saved_files.write_originals(folder)
     places = saved_files.map_of({}, np.random.default_rng(0)).places
-    write_queries(folder / "queries.npz", places)
+    write_archive(folder / "queries.npz", QUERIES_KIND, places.to_arrays(), {})
     return paths | {"queries": [folder / "queries.npz"]}
 
 

@@ -14,11 +14,14 @@ from edge_vpr.recordings.reading import NO_CAMERA, Camera, crop_of
 from edge_vpr_tools.console import is_quiet
 
 if TYPE_CHECKING:
+    from rich.console import Console
+
     from edge_vpr.simulation import SimulatedRecording
 
 
 def open_from(args: argparse.Namespace, path: str | Path, default: Camera = NO_CAMERA) -> Recording:
     """Open a recording with the flags of :func:`add_reading_arguments`; see `open_recording`."""
+    crop = crop_of(args.start, args.end, args.start_offset)
     recording = open_recording(
         path,
         format=args.format,
@@ -30,7 +33,6 @@ def open_from(args: argparse.Namespace, path: str | Path, default: Camera = NO_C
         time_unit=args.time_unit,
         columns=args.columns,
     )
-    crop = crop_of(args.start, args.end, args.start_offset)
     return recording if crop is None else recording.cropped(crop)
 
 
@@ -60,9 +62,16 @@ AnyDrive = TypeVar("AnyDrive", Recording, "Recording | PublishedWindows")
 
 def watched(recording: AnyDrive, label: str) -> AnyDrive:
     """Show the progress of each pass over the events of a recording under `label`."""
-    if isinstance(recording, Recording):
+    if isinstance(recording, Recording) and _console().is_terminal:
         recording.watch = lambda events: with_progress(recording, label, events)
     return recording
+
+
+def _console() -> Console:
+    """Return the console of the progress bar: no terminal, if nothing is to be printed."""
+    from rich.console import Console  # slow to load, as all of rich
+
+    return Console(stderr=True, force_terminal=False if is_quiet() else None)
 
 
 def with_progress(
@@ -76,10 +85,8 @@ def with_progress(
         A pass over the recording; by default a new one.
     """
     events = recording if events is None else events
-    from rich.console import Console  # slow to load, as all of rich
-
-    console = Console(stderr=True)
-    if is_quiet() or not console.is_terminal:
+    console = _console()
+    if not console.is_terminal:
         yield from events
         return
     from rich import progress as rich

@@ -59,7 +59,7 @@ class Outcome:
         evaluation: Evaluation | None = None,
     ) -> None:
         self.matches, self.precision, self.accepted = matches, precision, accepted
-        self.evaluation, self.time_s = evaluation, matches.time_s
+        self.evaluation, self.time_s = evaluation, matches.time_us / 1e6
         self.truth: GroundTruth | None = None
         self.errors: npt.NDArray[np.float64] | None = None
         self.correct = self.wrong = np.zeros(len(matches), np.bool_)
@@ -160,7 +160,7 @@ def outcome_of(
     everything = np.ones(len(matches), dtype=np.bool_)
     if settings.precision is not None:
         return Outcome(matches, settings.precision, ~matches.lost, evaluation)
-    confidence = reference.matched_with(settings).acceptance.confidence
+    confidence = Acceptance.of(settings, reference.matched_with(settings).confidence).confidence
     try:
         if confidence is None:
             return Outcome(matches, None, everything, evaluation)
