@@ -315,6 +315,11 @@ def activity_of(events: int, mean_activity: int) -> int:
     return log_activity(events) - log_activity(mean_activity >> ACTIVITY_FRACTION_BITS)
 
 
+def log_of_mean(mean_activity: int) -> int:
+    """Return the logarithm of a mean number of events, in 1/16 octave."""
+    return int(_log_activity(mean_activity >> ACTIVITY_FRACTION_BITS))
+
+
 def place_activity(
     events: npt.NDArray[np.integer], places_per_window: int = 1
 ) -> npt.NDArray[np.int32]:
@@ -333,8 +338,7 @@ def place_activity(
         In units of 1/16 octave, of 8 bits with sign.
     """
     logs = np.searchsorted(_LEAST_EVENTS, events, side="right")
-    mean = activity_of_drive(events[::places_per_window])
-    relative = logs - plain(log_activity)(mean >> ACTIVITY_FRACTION_BITS)
+    relative = logs - log_of_mean(activity_of_drive(events[::places_per_window]))
     return np.clip(relative, PLACE_LOW, PLACE_HIGH).astype(np.int32)
 
 
@@ -414,4 +418,5 @@ def find_pauses(events: npt.NDArray[np.integer], mean_activity: int) -> npt.NDAr
 
 
 # without a compiler, which takes longer than the windows of a drive
-_is_pause, _mean_activity_after = plain(is_pause), plain(mean_activity_after)
+_log_activity, _is_pause = plain(log_activity), plain(is_pause)
+_mean_activity_after = plain(mean_activity_after)

@@ -19,14 +19,14 @@ import numpy as np
 import numpy.typing as npt
 
 from edge_vpr.archive import Arrays
-from edge_vpr.compiling import kernel, plain
+from edge_vpr.compiling import kernel
 from edge_vpr.descriptors.windows import (
-    ACTIVITY_FRACTION_BITS,
     Descriptors,
     activity_of,
     activity_of_drive,
     is_pause,
     log_activity,
+    log_of_mean,
     mean_activity_after,
     place_activity,
 )
@@ -453,13 +453,12 @@ class PlaceFilter:
         #: number of sums of windows whose distances the filter takes
         self.sums = len(SUMS) if several else 1
         numbers = np.zeros(2, dtype=NUMBERS)
-        log = plain(log_activity)(mean_activity >> ACTIVITY_FRACTION_BITS)
         set_numbers(
             numbers,
             BEFORE_FIRST
             | {
                 "mean_activity": mean_activity,
-                "mean_log": log if several else -1,
+                "mean_log": log_of_mean(mean_activity) if several else -1,
                 "patience": patience,
                 "gain": SAME_GAIN if several else 0,
             },

@@ -10,9 +10,8 @@ from numba import config
 
 from edge_vpr.descriptors.cleaning import BurstFilter
 from edge_vpr.events import Sensor, join_events, make_events
-from edge_vpr.live.losses import LOSS_STEP_US
 from edge_vpr.live.protocols import open_decoder, open_encoder
-from edge_vpr.live.stream_matcher import JUMP_US, MOST_TICKS, StreamMatcher
+from edge_vpr.live.stream_matcher import JUMP_US, LOSS_STEP_US, MOST_TICKS, StreamMatcher
 from edge_vpr.online.localiser import Localiser
 from edge_vpr.online.schedule import MatchSchedule
 from tests.online.test_filter_run import map_of as filtered_map
