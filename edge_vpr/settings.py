@@ -85,6 +85,7 @@ def duration_word(microseconds: int) -> str:
 # and docs/settings.md are all made from these records.
 
 
+_DESCRIBED = "setting"  # in the metadata of a field
 #: largest value of any setting; in microseconds, 31 years
 MOST = 10**15
 
@@ -284,167 +285,19 @@ def shown(value: object) -> str:
         return f"a {type(value).__name__} too long to be shown"
 
 
-# Meaning, range and accepted words of every setting.
+# The settings of mapping and matching: types, defaults, meaning, and allowed combinations.
 #
-# The flags, the TOML files and docs/settings.md are all made from this one table. Types and
-# defaults stand in `Settings`.
+# The flags, the TOML files and docs/settings.md are all made from the fields of `Settings`.
 
 
 _FILTER, _SEQUENCE = ("matching", ("filter",)), ("matching", ("sequence",))
 _CODE = ("counter_code", ("linear", "contrast"))
 
 
-def _group(title: str, **settings: SettingField) -> dict[str, SettingField]:
-    """Return the settings of one group by name."""
-    return {name: replace(one, group=title) for name, one in settings.items()}
-
-
-_PIXELS = _group(
-    "pixels",
-    pixels=SettingField(help="number of selected pixels, J", metavar="J", least=1),
-    strategy=SettingField(
-        help="how pixels are selected",
-        more="variance: drawn by the variance of their counts (the paper). seed-code: by their "
-        "mean (the released code). random: all equally likely. random-upper: the same, in the "
-        "upper two thirds of the image. top: the highest variances. information: one by one, each "
-        "the pixel that adds most about the place.",
-    ),
-    sigma=SettingField(
-        help="width (sigma, in pixels) of the Gaussian that keeps selected pixels apart",
-        metavar="PX",
-        needs=("strategy", ("variance", "random", "random-upper")),
-    ),
-    seed=SettingField(help="seed of the selection of pixels"),
-)
-_WINDOWS = _group(
-    "windows",
-    window=SettingField(
-        help="windows of a fixed time, or of a fixed number of events at the selected pixels",
-    ),
-    tau_us=SettingField(
-        help="length of a fixed-time window, for example 1s or 250ms",
-        key="tau",
-        metavar="TIME",
-        least=1,
-        read=duration_us,
-        show=duration_word,
-        expected="a time such as 1s, 250ms or 500us",
-        more="Pixels are always selected by windows of this length.",
-    ),
-    events_per_pixel=SettingField(
-        help="a fixed-count window holds R x J events, rounded; auto: the average number of the "
-        "reference drive in --tau",
-        metavar="R",
-        words={"auto": None},
-        above=0,
-        needs=("window", ("count",)),
-    ),
-    places_per_window=SettingField(
-        help="places per window length; 2: a place starts at every half window; auto: 2 where the "
-        "reference and the other settings allow it",
-        metavar="N",
-        words={"auto": None},
-        least=1,
-        most=2,
-        more="2 takes twice the memory and work, and needs the place filter and a reference of "
-        "events. auto is 1 for windows of a number of events or of an odd number of microseconds, "
-        "and for fewer than 20 count frames per window.",
-        needs=_FILTER,
-    ),
-)
-_COUNTERS = _group(
-    "counters",
-    clip=SettingField(
-        help="cap counts at N; none: no cap",
-        metavar="N",
-        words={"none": None},
-        least=1,
-        most=MAX_COUNT,
-        more="Pixels are selected by the clipped counts too.",
-    ),
-    counter_code=SettingField(
-        help="how counts are stored in a few bits: saturating (linear), or as logarithms minus the "
-        "pixel's mean over the drive and the window's mean (contrast); none: as they are",
-        more="Contrast codes hardly change with light or speed.",
-    ),
-    counter_bits=SettingField(
-        help="bits per code", metavar="B", least=1, most=MAX_BITS, needs=_CODE
-    ),
-)
-_MATCHING = _group(
-    "matching",
-    matching=SettingField(
-        help="match with the place filter, or by sequences of windows (the paper)",
-    ),
-    filter_restart=SettingField(
-        help="place filter: cost of moving to any other place",
-        metavar="C",
-        least=1,
-        most=MOST_COST,
-        needs=_FILTER,
-    ),
-    gains=SettingField(
-        help="place filter: hypotheses of the camera's gain that are followed side by side, 1 or 7",
-        metavar="N",
-        valid=lambda number: number in (1, 7),
-        expected="1 or 7",
-        more="With 7, another speed is told from another light or camera. Codes other than "
-        "contrast, and windows by count, have 1.",
-        needs=_FILTER,
-    ),
-    smooth=SettingField(
-        help="place filter: use the later windows of a recording too",
-        more="Live and online matching never smooth.",
-        needs=_FILTER,
-    ),
-    sequence_length=SettingField(
-        help="windows in a sequence, L",
-        short="-L",
-        metavar="L",
-        least=1,
-        needs=_SEQUENCE,
-    ),
-    exclusion=SettingField(
-        help="exclusion zone: the second-best place lies more than R places away from the best",
-        metavar="R",
-        more="With two places per window, R counts windows.",
-    ),
-    precision=SettingField(
-        help="mark matches as lost so that a share P of the others, such as 0.99, is expected to "
-        "be right, within the exclusion zone; none: mark none",
-        metavar="P",
-        words={"none": None},
-        above=0,
-        below=1,
-        more="How well this holds: docs/method.md.",
-    ),
-    stays_on_map=SettingField(
-        help="place filter without smoothing: accept more matches, for a robot that "
-        "never leaves the route",
-        more="Off the map, probabilities are too high: see docs/method.md.",
-        needs=_FILTER,
-    ),
-)
-_CLEANING = _group(
-    "cleaning",
-    remove_hot_pixels=SettingField(
-        help="find hot pixels and leave them out, keep them, or leave out those listed in FILE "
-        "(one x, y per line)",
-        key="hot_pixels",
-        metavar="find|keep|FILE",
-        words={"find": True, "keep": False},
-        more="Only the flag takes a file.",
-    ),
-    remove_bursts=SettingField(
-        help="remove or keep the events of bursts, moments in which most pixels fire",
-        key="bursts",
-        words={"remove": True, "keep": False},
-    ),
-)
-TABLE = _PIXELS | _WINDOWS | _COUNTERS | _MATCHING | _CLEANING
-
-
-# The settings of mapping and matching: types, defaults, and which combinations are allowed.
+def _setting(default: Any, group: str, help: str, **more: Any) -> Any:
+    """Return a field of `Settings` with its default and its description."""
+    described = SettingField(group=group, help=help, **more)
+    return field(default=default, metadata={_DESCRIBED: described})
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -459,27 +312,169 @@ class Settings:
     150
     """
 
-    pixels: int = 150
-    strategy: Strategy = "variance"
-    sigma: float = 7.0
-    seed: int = 0
-    window: WindowKind = "time"
-    tau_us: int = 1_000_000
-    events_per_pixel: float | None = 3.0
-    places_per_window: int | None = 1
-    clip: int | None = None
-    counter_code: CounterCode = "none"
-    counter_bits: int = 3
-    remove_hot_pixels: bool = True
-    remove_bursts: bool = True
-    matching: Matching = "sequence"
-    filter_restart: int = 16
-    gains: int = 7
-    smooth: bool = False
-    sequence_length: int = 5
-    exclusion: int = 3
-    precision: float | None = None
-    stays_on_map: bool = False
+    pixels: int = _setting(150, "pixels", "number of selected pixels, J", metavar="J", least=1)
+    strategy: Strategy = _setting(
+        "variance",
+        "pixels",
+        "how pixels are selected",
+        more="variance: drawn by the variance of their counts (the paper). seed-code: by their "
+        "mean (the released code). random: all equally likely. random-upper: the same, in the "
+        "upper two thirds of the image. top: the highest variances. information: one by one, each "
+        "the pixel that adds most about the place.",
+    )
+    sigma: float = _setting(
+        7.0,
+        "pixels",
+        "width (sigma, in pixels) of the Gaussian that keeps selected pixels apart",
+        metavar="PX",
+        needs=("strategy", ("variance", "random", "random-upper")),
+    )
+    seed: int = _setting(0, "pixels", "seed of the selection of pixels")
+    window: WindowKind = _setting(
+        "time",
+        "windows",
+        "windows of a fixed time, or of a fixed number of events at the selected pixels",
+    )
+    tau_us: int = _setting(
+        1_000_000,
+        "windows",
+        "length of a fixed-time window, for example 1s or 250ms",
+        key="tau",
+        metavar="TIME",
+        least=1,
+        read=duration_us,
+        show=duration_word,
+        expected="a time such as 1s, 250ms or 500us",
+        more="Pixels are always selected by windows of this length.",
+    )
+    events_per_pixel: float | None = _setting(
+        3.0,
+        "windows",
+        "a fixed-count window holds R x J events, rounded; auto: the average number of the "
+        "reference drive in --tau",
+        metavar="R",
+        words={"auto": None},
+        above=0,
+        needs=("window", ("count",)),
+    )
+    places_per_window: int | None = _setting(
+        1,
+        "windows",
+        "places per window length; 2: a place starts at every half window; auto: 2 where the "
+        "reference and the other settings allow it",
+        metavar="N",
+        words={"auto": None},
+        least=1,
+        most=2,
+        more="2 takes twice the memory and work, and needs the place filter and a reference of "
+        "events. auto is 1 for windows of a number of events or of an odd number of microseconds, "
+        "and for fewer than 20 count frames per window.",
+        needs=_FILTER,
+    )
+    clip: int | None = _setting(
+        None,
+        "counters",
+        "cap counts at N; none: no cap",
+        metavar="N",
+        words={"none": None},
+        least=1,
+        most=MAX_COUNT,
+        more="Pixels are selected by the clipped counts too.",
+    )
+    counter_code: CounterCode = _setting(
+        "none",
+        "counters",
+        "how counts are stored in a few bits: saturating (linear), or as logarithms minus the "
+        "pixel's mean over the drive and the window's mean (contrast); none: as they are",
+        more="Contrast codes hardly change with light or speed.",
+    )
+    counter_bits: int = _setting(
+        3, "counters", "bits per code", metavar="B", least=1, most=MAX_BITS, needs=_CODE
+    )
+    remove_hot_pixels: bool = _setting(
+        True,
+        "cleaning",
+        "find hot pixels and leave them out, keep them, or leave out those listed in FILE "
+        "(one x, y per line)",
+        key="hot_pixels",
+        metavar="find|keep|FILE",
+        words={"find": True, "keep": False},
+        more="Only the flag takes a file.",
+    )
+    remove_bursts: bool = _setting(
+        True,
+        "cleaning",
+        "remove or keep the events of bursts, moments in which most pixels fire",
+        key="bursts",
+        words={"remove": True, "keep": False},
+    )
+    matching: Matching = _setting(
+        "sequence",
+        "matching",
+        "match with the place filter, or by sequences of windows (the paper)",
+    )
+    filter_restart: int = _setting(
+        16,
+        "matching",
+        "place filter: cost of moving to any other place",
+        metavar="C",
+        least=1,
+        most=MOST_COST,
+        needs=_FILTER,
+    )
+    gains: int = _setting(
+        7,
+        "matching",
+        "place filter: hypotheses of the camera's gain that are followed side by side, 1 or 7",
+        metavar="N",
+        valid=lambda number: number in (1, 7),
+        expected="1 or 7",
+        more="With 7, another speed is told from another light or camera. Codes other than "
+        "contrast, and windows by count, have 1.",
+        needs=_FILTER,
+    )
+    smooth: bool = _setting(
+        False,
+        "matching",
+        "place filter: use the later windows of a recording too",
+        more="Live and online matching never smooth.",
+        needs=_FILTER,
+    )
+    sequence_length: int = _setting(
+        5,
+        "matching",
+        "windows in a sequence, L",
+        short="-L",
+        metavar="L",
+        least=1,
+        needs=_SEQUENCE,
+    )
+    exclusion: int = _setting(
+        3,
+        "matching",
+        "exclusion zone: the second-best place lies more than R places away from the best",
+        metavar="R",
+        more="With two places per window, R counts windows.",
+    )
+    precision: float | None = _setting(
+        None,
+        "matching",
+        "mark matches as lost so that a share P of the others, such as 0.99, is expected to "
+        "be right, within the exclusion zone; none: mark none",
+        metavar="P",
+        words={"none": None},
+        above=0,
+        below=1,
+        more="How well this holds: docs/method.md.",
+    )
+    stays_on_map: bool = _setting(
+        False,
+        "matching",
+        "place filter without smoothing: accept more matches, for a robot that "
+        "never leaves the route",
+        more="Off the map, probabilities are too high: see docs/method.md.",
+        needs=_FILTER,
+    )
 
     def __post_init__(self) -> None:
         for name, setting in SETTING_FIELDS.items():
@@ -746,7 +741,7 @@ class SettingChanges(MatchingChanges, total=False):
 _HINTS = get_type_hints(Settings)
 #: the description of each setting, by its name, in order
 SETTING_FIELDS = {
-    field.name: TABLE[field.name].of(field.name, _HINTS[field.name], field.default)
+    field.name: field.metadata[_DESCRIBED].of(field.name, _HINTS[field.name], field.default)
     for field in fields(Settings)
 }
 Settings.__doc__ = f"{Settings.__doc__}\n\n{attributes_section(SETTING_FIELDS)}"
