@@ -478,11 +478,12 @@ class ReferenceMap(EqualByValue):
 
     def coded(self, counted: Descriptors) -> Descriptors:
         """Replace the counts of a query by the codes of this map."""
-        code, activity, settings = self.contrast_code, self.mean_activity, self.settings
-        if code is None or self.limits is None:
+        settings, code = self.settings, self.settings.contrast_code
+        if code is None:
             return saturated(counted, settings.most_counted)
-        start = self.mean if settings.running_mean else None
-        return encode(counted, code, self.limits, start, activity, settings.hypotheses)
+        activity, start = self.mean_activity, self.mean if settings.running_mean else None
+        counted = replace(counted, counted=self.counted_events(counted))
+        return encode(counted, code, activity, settings.hypotheses, start)
 
     def counted_events(self, counted: Descriptors) -> npt.NDArray[np.int64]:
         """Return the events of each window of counts that count, shape (n,)."""

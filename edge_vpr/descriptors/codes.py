@@ -101,36 +101,11 @@ def counted_events(
 def encode(
     counted: Descriptors,
     code: ContrastCode,
-    limits: npt.NDArray[np.int32],
-    start: npt.NDArray[np.int32] | None,
     mean_activity: int,
     gains: int,
+    start: npt.NDArray[np.int32] | None = None,
 ) -> Descriptors:
-    """Code the counts of a query.
-
-    Parameters
-    ----------
-    counted : Descriptors
-        Counts.
-    limits : ndarray of int32, shape (J,)
-        Of the reference, see `limits_of`.
-    start : ndarray of int32, shape (J,), or None
-        Where a running mean starts, see `encode_running`; None: see `encode_own`.
-    mean_activity : int
-        Of the reference, see `activity_of_drive`.
-    gains : int
-        See `encode_own`.
-    """
-    counted = replace(counted, counted=counted_events(counted.counts, limits))
-    if start is None:
-        return encode_own(counted, code, mean_activity, gains)
-    return encode_running(counted, code, start, mean_activity, gains)
-
-
-def encode_own(
-    counted: Descriptors, code: ContrastCode, mean_activity: int, gains: int
-) -> Descriptors:
-    """Code a recorded query with its mean over the whole drive.
+    """Code the windows of a query.
 
     Parameters
     ----------
@@ -140,43 +115,39 @@ def encode_own(
         Of the reference, see `activity_of_drive`.
     gains : int
         Whether sums of windows are coded too, each with a mean of its own: not for one gain.
+    start : ndarray of int32, shape (J,), optional
+        Mean of the reference: where the running mean of the windows before each starts, as on a
+        robot. By default, the mean is that of the whole drive.
     """
     counted, coded = replace(counted, counted=counted.counted_events), []
+    paused = None if start is None else find_pauses(counted.counted_events, mean_activity)
     for windows in SUMS[: len(SUMS) if gains > 1 else 1]:
-        some = replace(counted, counts=narrow(newest(counted.counts, windows)))
-        coded.append(code.encode(some.counts, drive_mean(some, code, mean_activity)))
-    return _replaced(counted, coded)
+        counts = newest(counted.counts, windows)
+        if start is None or paused is None:
+            some = replace(counted, counts=narrow(counts))
+            coded.append(code.encode(some.counts, drive_mean(some, code, mean_activity)))
+        else:
+            coded.append(_encode_running(counts, code, start, paused))
+    return replace(
+        counted,
+        counts=coded[0],
+        selected=counted.selected_events,
+        summed=np.stack(coded[1:], axis=1) if len(coded) > 1 else None,
+    )
 
 
-def encode_running(
-    counted: Descriptors,
+def _encode_running(
+    counts: npt.NDArray[np.integer],
     code: ContrastCode,
-    mean: npt.NDArray[np.int32],
-    mean_activity: int,
-    gains: int,
-) -> Descriptors:
-    """Code each window of a query with the running mean of the windows before it, as on a robot.
-
-    Parameters
-    ----------
-    counted : Descriptors
-        Counts, and the events that count.
-    mean : ndarray of int32, shape (J,)
-        Of the reference: where the running mean starts.
-    mean_activity : int
-        Of the reference, see `activity_of_drive`.
-    gains : int
-        See `encode_own`.
-    """
-    paused, coded = find_pauses(counted.counted_events, mean_activity), []
-    for windows in SUMS[: len(SUMS) if gains > 1 else 1]:
-        running, of_sum = RunningMean(mean), np.empty(counted.counts.shape, dtype=np.uint8)
-        for i, counts in enumerate(newest(counted.counts, windows)):
-            of_sum[i] = code.encode(counts, running.mean)
-            if not paused[i]:
-                running.update(code.level(counts))
-        coded.append(of_sum)
-    return _replaced(counted, coded)
+    start: npt.NDArray[np.int32],
+    paused: npt.NDArray[np.bool_],
+) -> npt.NDArray[np.uint8]:
+    running, coded = RunningMean(start), np.empty(counts.shape, dtype=np.uint8)
+    for i, row in enumerate(counts):
+        coded[i] = code.encode(row, running.mean)
+        if not paused[i]:
+            running.update(code.level(row))
+    return coded
 
 
 def newest(counts: npt.NDArray[np.integer], windows: int) -> npt.NDArray[np.integer]:
@@ -197,12 +168,3 @@ def newest(counts: npt.NDArray[np.integer], windows: int) -> npt.NDArray[np.inte
     total = np.cumsum(counts, axis=0, dtype=np.int64)
     total[windows:] -= total[:-windows].copy()
     return total
-
-
-def _replaced(counted: Descriptors, coded: list[npt.NDArray[np.uint8]]) -> Descriptors:
-    return replace(
-        counted,
-        counts=coded[0],
-        selected=counted.selected_events,
-        summed=np.stack(coded[1:], axis=1) if len(coded) > 1 else None,
-    )

@@ -426,10 +426,9 @@ def match_descriptors(
         whole sequence.
     """
     expect(settings, Settings, "settings", "Settings, as of a map or of resolve_settings")
-    check_counts(places, queries)
+    check_queries(places, queries, settings)
     acceptance = Acceptance.of(settings, confidence)
     if settings.matching == "filter":
-        check_summed(queries, settings)
         place_filter = PlaceFilter.of(places, settings, along_mm)
         index = ReferenceIndex(places.counts)
         return match_by_filter(place_filter, index, queries, settings, acceptance, odometry)
@@ -438,8 +437,8 @@ def match_descriptors(
     return match_by_sequences(places, queries, settings, acceptance)
 
 
-def check_counts(places: Descriptors, queries: Descriptors) -> None:
-    """Check that places and queries have the same counters; raise MapError if not."""
+def check_queries(places: Descriptors, queries: Descriptors, settings: Settings) -> None:
+    """Raise MapError unless places and queries have the same counters, and what a filter needs."""
     for name, windows in (("places", places), ("queries", queries)):
         expect(windows, Descriptors, name, "Descriptors, as of describe or of a map")
     if places.counts.shape[1] != queries.counts.shape[1]:
@@ -447,11 +446,8 @@ def check_counts(places: Descriptors, queries: Descriptors) -> None:
             f"reference descriptors have {places.counts.shape[1]} counts and the query's "
             f"{queries.counts.shape[1]}: describe both with the same map"
         )
-
-
-def check_summed(queries: Descriptors, settings: Settings) -> None:
-    """Raise MapError if a filter over gains would get no codes of sums of windows."""
-    if settings.hypotheses > 1 and queries.summed is None:
+    several = settings.matching == "filter" and settings.hypotheses > 1
+    if several and queries.summed is None:
         raise MapError(
             f"the queries have codes of single windows, and gains = {settings.gains} needs those "
             "of sums too: describe them with the map (describe_query), or set gains to 1"
@@ -518,7 +514,7 @@ def drive_distances(
     ndarray of float64, shape (K, Q)
         All finite: by sequences `sequence_distances`, by the place filter its metric at each place.
     """
-    check_counts(places, queries)
+    check_queries(places, queries, settings)
     size = len(places) * len(queries) * 8
     if size > MOST_BYTES:
         raise UsageError(
@@ -526,7 +522,6 @@ def drive_distances(
             f"{size / 1e9:.1f} GB: read a part (end=), or take longer windows (tau=)"
         )
     if settings.matching == "filter":
-        check_summed(queries, settings)
         out = np.empty((len(places), len(queries)))
         filter_drive(
             PlaceFilter.of(places, settings, along_mm), ReferenceIndex(places.counts),

@@ -12,8 +12,7 @@ from hypothesis import strategies as st
 
 from edge_vpr.descriptors.codes import (
     counted_events,
-    encode_own,
-    encode_running,
+    encode,
     limits_of,
     saturated,
 )
@@ -124,13 +123,13 @@ def test_a_recorded_drive_is_coded_against_its_own_mean(seed, windows):
     own_mean = 256 * int(events.sum()) // windows
     far = 2 * own_mean <= mean_activity or own_mean >= 2 * mean_activity
     paused = find_pauses(events, own_mean if far else mean_activity).tolist()
-    own = encode_own(descriptors(counts), code, mean_activity, 7)
+    own = encode(descriptors(counts), code, mean_activity, 7)
     assert own.selected.tolist() == counts.sum(axis=1).tolist()
     for number, coded in zip(SUMS, (own.counts, *own.summed.swapaxes(0, 1)), strict=True):
         sums = [counts[max(w - number + 1, 0) : w + 1].sum(axis=0) for w in range(windows)]
         levels = [[level_of(min(c, 1023)) for c in row] for row in sums]
         assert coded.tolist() == drive_codes(levels, paused, 3)
-    one_gain = encode_own(descriptors(counts), code, mean_activity, 1)
+    one_gain = encode(descriptors(counts), code, mean_activity, 1)
     assert np.array_equal(one_gain.counts, own.counts) and one_gain.summed is None
 
 
@@ -139,13 +138,13 @@ def test_a_robot_codes_each_window_by_what_came_before_it(seed, windows, cut):
     rng = np.random.default_rng(seed)
     counts = rng.integers(0, 300, (windows, 3))
     mean, code = np.array([500, 900, 0], np.int32), ContrastCode()
-    codes = encode_running(descriptors(counts), code, mean, 0, 1).counts
+    codes = encode(descriptors(counts), code, 0, 1, mean).counts
     levels = [[level_of(c) for c in column] for column in counts.T.tolist()]
     means = means_before(levels, mean.tolist())
     for row, coded, now in zip(counts.tolist(), codes.tolist(), means, strict=False):
         assert coded == codes_of(row, now, 3)
     # later windows change no earlier code
-    first = encode_running(descriptors(counts[: max(cut, 1)]), code, mean, 0, 1).counts
+    first = encode(descriptors(counts[: max(cut, 1)]), code, 0, 1, mean).counts
     assert np.array_equal(first, codes[: len(first)])
 
 

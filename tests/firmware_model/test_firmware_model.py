@@ -13,7 +13,7 @@ import pytest
 
 from edge_vpr.compiling import plain
 from edge_vpr.descriptors import windows
-from edge_vpr.descriptors.codes import encode_running, saturated
+from edge_vpr.descriptors.codes import encode, saturated
 from edge_vpr.descriptors.counting import DescriptorStream
 from edge_vpr.descriptors.pixels import PixelMap
 from edge_vpr.descriptors.windows import FixedCount, FixedTime
@@ -63,7 +63,7 @@ def pipeline(memories: Memories, events: list[Event], start: int):
         code = ContrastCode(design.code_bits)
         mean = np.array(memories.mean, dtype=np.int32)
         counted = replace(counted, selected=events)
-        coded = encode_running(counted, code, mean, memories.activity, design.gains)
+        coded = encode(counted, code, memories.activity, design.gains, mean)
         codes = coded.counts
         sums = codes[:, None]
         if coded.summed is not None:

@@ -13,7 +13,7 @@ from typing import Literal, Protocol
 import numpy as np
 import numpy.typing as npt
 
-from edge_vpr.descriptors.codes import counted_events, drive_mean, encode_own, limits_of
+from edge_vpr.descriptors.codes import counted_events, drive_mean, encode, limits_of
 from edge_vpr.descriptors.windows import Descriptors, activity_of_drive, narrow
 from edge_vpr.reference_map import ReferenceMap
 from fixedpoint.own_mean import ContrastCode
@@ -168,4 +168,4 @@ class OwnMean(ContrastCode):
         activity = activity_of_drive(windows.counted_events)
         codes = self.encode(places.counts, drive_mean(windows, self, activity))
         places = replace(places, counts=codes, selected=places.selected_events)
-        return places, encode_own(query, self, activity, 1)
+        return places, encode(query, self, activity, 1)
