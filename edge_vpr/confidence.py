@@ -190,8 +190,8 @@ class Acceptance:
     def __post_init__(self) -> None:
         if self.precision is not None and self.confidence is None:
             raise UsageError(
-                f"precision {self.precision} is asked of matches by sequences, whose probability "
-                "is not known: calibrate the map (edge-vpr calibrate), or match by the filter"
+                f"precision {self.precision}: matches by sequences have no probabilities here: "
+                "calibrate the map (edge-vpr calibrate), or match by the filter"
             )
         if self.precision is not None and self.confidence is not None:
             self.confidence.least_trust(self.precision)

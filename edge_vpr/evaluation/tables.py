@@ -279,7 +279,7 @@ def _without_leaps(path: Path, odometry: Odometry) -> Odometry:
     warnings.warn(
         f"{path} leaps by {step_mm[first] / 1e3:,.1f} m at {odometry.time_us[first + 1] / 1e6:g} s"
         + (f" and {more} times more" if more else "")
-        + ", as an odometer that starts again: leaps are taken for 0 m; check the distances",
+        + ", as an odometer that starts again: leaps count as 0 m; check the distances",
         EdgeVprWarning,
         stacklevel=3,
     )

@@ -370,7 +370,7 @@ class UdpHostLink(SocketLink):
 
     def write(self, data: bytes, timeout: float) -> int:
         """Raise `LinkError`."""
-        raise LinkError(f"{self.address} only hears: take TCP for a device that is asked")
+        raise LinkError(f"{self.address} only receives: use TCP for a device that expects bytes")
 
 
 def listening_socket(host: str, port: int, what: str) -> socket.socket:

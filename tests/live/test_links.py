@@ -134,7 +134,7 @@ def test_udp_and_tcp_arrive_and_nothing_listens_beyond_loopback(name):
     assert device.write(b"events", 1) == 6
     assert host.read(1) == b"events"
     assert host.read(0) == b""
-    with pytest.raises(LinkError, match="take TCP for a device that is asked"):
+    with pytest.raises(LinkError, match="use TCP for a device that expects bytes"):
         host.write(b"x", 1)
     server = open_device_link(f"tcp://{name}:0")
     assert server.address.startswith(f"tcp://{loopback}:")

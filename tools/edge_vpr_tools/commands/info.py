@@ -170,7 +170,7 @@ def _show(facts: RecordingSummary, title: str) -> None:
         "events": f"{facts.events:,}",
         "duration": f"{facts.duration_us / 1e6:.6f} s",
         "rate": "-" if rate is None else f"{rate:,.0f} events/s",
-        "polarity": "no column of it: all are taken for ON"
+        "polarity": "no column of it: all events count as ON"
         if facts.on_share is None
         else f"{facts.on_share:.1%} ON, {1 - facts.on_share:.1%} OFF",
         "times": f"{facts.first_us:,} to {facts.last_us:,} µs from the start",

@@ -71,8 +71,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="WHEN",
         help="with --online, when to give a match: event (after each one at a selected pixel), "
         "after N events, after a time such as 10ms, window (after each one), or change (when the "
-        "place changes) (default: event); by events, more matches come where "
-        "more is seen, and shares of all matches shift with them",
+        "place changes) (default: event); after events, more matches come where the camera sees "
+        "more",
     )
     parser.add_argument_group("odometry").add_argument(
         "--odometry",
