@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
@@ -14,6 +15,7 @@ from edge_vpr.descriptors.windows import Descriptors, narrow
 from edge_vpr.events import Events, Sensor, join_events, make_events
 from edge_vpr.live.protocols import Health
 from edge_vpr.map_making import coded_map
+from edge_vpr.matching.match import MATCH_DTYPE, Match
 from edge_vpr.online.localiser import Localiser
 from edge_vpr.recordings import Recording, open_recording, write_recording
 from edge_vpr.reference_map import ReferenceMap
@@ -28,6 +30,12 @@ def random_events(rng: np.random.Generator, n: int, sensor: Sensor, duration_us:
         rng.integers(0, sensor.height, n),
         rng.integers(0, 2, n),
     )
+
+
+def records(matches: Sequence[Match]) -> np.ndarray:
+    """Live matches as a localiser returns them."""
+    fields = len(MATCH_DTYPE.names)
+    return np.array([match[:fields] for match in matches], dtype=MATCH_DTYPE)
 
 
 def write_drives(folder: Path, n: int, sensor: Sensor, duration_us: int) -> None:

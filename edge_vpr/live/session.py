@@ -447,7 +447,7 @@ class LiveSession:
         # before the match is used: a program that fails then has a whole file
         self.files.take_events(result.events)
         self._lag.look(result.events, self.decoder.reached_us, time.monotonic())
-        self._misfits.look(result.rows["misfit"])
+        self._misfits.look([match.misfit for match in result.matches])
         matches = self._matches(result, self._heard_us) or self._outdated(time.monotonic())
         return LiveStep(result, chunk.at_s, self._new_readings(), matches)
 
@@ -537,7 +537,7 @@ class LiveSession:
         self.decoder.health.cut_off = bool(self._reader.lost_link)
         self.ended = True
         result = self._matcher.finish()
-        self._misfits.look(result.rows["misfit"])
+        self._misfits.look([match.misfit for match in result.matches])
         self.files.take_events(result.events)
         self.files.end(self._matcher)
         self._stack.close()

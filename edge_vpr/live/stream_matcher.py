@@ -6,7 +6,6 @@ from bisect import bisect_right
 from typing import Any, NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
 from edge_vpr.archive import Arrays
 from edge_vpr.descriptors.cleaning import BurstFilter
@@ -15,7 +14,7 @@ from edge_vpr.events import NO_EVENTS, Events, join_events
 from edge_vpr.live.position import Locator, PathPosition
 from edge_vpr.live.protocols import Decoder
 from edge_vpr.live.protocols.health import EXACT, Health
-from edge_vpr.matching.match import NO_MATCHES, Match, MatchRows, join_matches
+from edge_vpr.matching.match import Match, MatchRows, join_matches
 from edge_vpr.odometry import OdometerCheck
 from edge_vpr.online.localiser import Localiser
 from edge_vpr.online.schedule import MatchSchedule
@@ -118,10 +117,7 @@ class LiveResult(NamedTuple):
     """Events and matches of one chunk of bytes."""
 
     events: Events  #: Shape (n,): as decoded.
-    rows: npt.NDArray[np.void]  #: Shape (m,): matches as records, in the order of their windows.
-    #: Time up to which the stream is known.
-    reached_us: int
-    #: The same matches with what is missing of them, and where the robot is.
+    #: In the order of their windows, with what is missing of them, and where the robot is.
     matches: tuple[Match, ...] = ()
 
 
@@ -298,7 +294,7 @@ class StreamMatcher:
         """Match the events after the `matched` ones that are known to be in no burst."""
         localiser, bursts, reached = self.localiser, self._bursts, self.decoder.reached_us
         if localiser is None:
-            return LiveResult(events, NO_MATCHES, reached)
+            return LiveResult(events)
         row_arrays: MatchRows = []
         # the burst filter may hold events back for long: matches follow the time matched so far
         oldest_us = self._time - self._horizon_us
@@ -317,8 +313,8 @@ class StreamMatcher:
                 row_arrays.append(localiser.advance(complete_us))
             self._time = complete_us
         self._losses.note(reached, oldest_us)
-        rows = join_matches(row_arrays)
-        return LiveResult(events, rows, reached, tuple(map(self._located, rows.tolist())))
+        rows = join_matches(row_arrays).tolist()
+        return LiveResult(events, tuple(map(self._located, rows)))
 
     def _located(self, row: tuple[Any, ...]) -> Match:
         """Return a match with what is missing of it, and where the robot is."""

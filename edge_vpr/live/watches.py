@@ -4,10 +4,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable
-
-import numpy as np
-import numpy.typing as npt
+from collections.abc import Callable, Sequence
 
 from edge_vpr.confidence import OFF_MAP_MISFIT, OFF_MAP_TEXT
 from edge_vpr.events import Events
@@ -165,10 +162,10 @@ class MisfitWatch:
         self._health, self._say = health, say
         self._off_map = False
 
-    def look(self, misfits: npt.NDArray[np.int64]) -> None:
+    def look(self, misfits: Sequence[int]) -> None:
         """Take the misfits of matches, the newest last."""
-        self._health.misfits += int(np.count_nonzero(misfits >= OFF_MAP_MISFIT))
-        if not misfits.size:
+        self._health.misfits += sum(misfit >= OFF_MAP_MISFIT for misfit in misfits)
+        if not misfits:
             return
         newest = misfits[-1]
         if not self._off_map and newest >= OFF_MAP_MISFIT:

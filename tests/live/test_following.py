@@ -16,7 +16,7 @@ from edge_vpr.online.localiser import Localiser
 from edge_vpr.online.schedule import MatchSchedule
 from tests.online.test_filter_run import map_of as filtered_map
 from tests.online.test_localiser import PIXELS, SENSOR, check_state, map_of
-from tests.streams import balanced, random_events, split_events
+from tests.streams import balanced, random_events, records, split_events
 
 #: a camera that has more pixels than the map's sensor, with fields of the same widths
 CAMERA = Sensor(8, 8)
@@ -188,7 +188,7 @@ def test_a_stream_gives_the_results_of_its_events_whatever_comes_and_however_it_
         result = live.feed(data, 0, dropped=lost)
         events, matches = separate.feed(data, lost)
         assert result.events.tolist() == events.tolist()
-        assert result.rows.tobytes() == matches.tobytes()
+        assert records(result.matches).tobytes() == matches.tobytes()
         assert live.decoder.health == separate.decoder.health
         assert balanced(live.decoder.health)
         for match, located in zip(matches, result.matches, strict=True):
@@ -198,7 +198,7 @@ def test_a_stream_gives_the_results_of_its_events_whatever_comes_and_however_it_
     ended = separate.decoder.finish()
     matches = separate.match(ended, separate.decoder.reached_us, last=True)
     assert last.events.tolist() == ended.tolist()
-    assert last.rows.tobytes() == matches.tobytes()
+    assert records(last.matches).tobytes() == matches.tobytes()
     check_state(live.localiser)
 
 
@@ -214,10 +214,10 @@ def test_time_of_dropped_bytes_has_no_matches_if_the_next_piece_has_no_whole_eve
     live = StreamMatcher(open_decoder("evt2", SENSOR), reference, every)
     live.feed(before, 0)
     pieces = [after[:first], after[first:]] if first else [after]
-    rows = [live.feed(piece, 0, dropped=100 * (not i)).rows for i, piece in enumerate(pieces)]
-    times = np.concatenate([each["time_us"] for each in rows])
-    assert times.size
-    assert times.min() >= 100_000
+    results = [live.feed(piece, 0, dropped=100 * (not i)) for i, piece in enumerate(pieces)]
+    times = [match.time_us for result in results for match in result.matches]
+    assert times
+    assert min(times) >= 100_000
 
 
 @pytest.mark.parametrize("kind", ["sequence", "filter"])
@@ -235,9 +235,9 @@ def test_frames_one_by_one_and_all_at_once_give_the_same(kind):
         decoder = open_decoder("evpr", SENSOR)
         live = StreamMatcher(decoder, reference, every)
         steps = [live.feed(piece, 0) for piece in pieces]
-        results.append(
-            [np.concatenate(each).tobytes() for each in list(zip(*steps, strict=True))[:2]]
-        )
+        matches = [match for step in steps for match in step.matches]
+        decoded = join_events([step.events for step in steps])
+        results.append((decoded.tolist(), records(matches).tobytes()))
     assert results[0] == results[1]
-    assert len(results[0][0]) == np.asarray(events).nbytes
+    assert len(results[0][0]) == events.size
     assert len(results[0][1]) > 0

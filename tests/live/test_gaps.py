@@ -60,7 +60,7 @@ def live_matches(reference, events, device, restarts, gap_s):
             continue
         result = live.feed(data, host_us)
         for match in result.matches:
-            then_us = host_us - (result.reached_us - match.time_us)
+            then_us = host_us - (live.decoder.reached_us - match.time_us)
             rows.append((then_us, match.along_m, not match.lost))
     return [np.array(column) for column in zip(*rows, strict=True)]
 

@@ -87,7 +87,7 @@ def played(reference: ReferenceMap, events: Events, gaps: list[Gap], line: str, 
         by_host = dropped if loss == LOSSES[2] else 0
         dropped, result = 0, live.feed(data, host_us, dropped=by_host)
         for match in result.matches:
-            age_us = result.reached_us - match.time_us
+            age_us = live.decoder.reached_us - match.time_us
             accepted = not match.lost and age_us <= 2 * reference.settings.tau_us
             rows.append((host_us - age_us, match.along_m, accepted))
     return Came(*(np.array(column) for column in zip(*rows, strict=True)))
