@@ -361,7 +361,11 @@ def windows_of(
     begin : Filter and int, optional
         The filter and the mean activity before these windows.
     unseen : sequence of int, length n, optional
-        Halves of a window in which nothing was seen, as known in each window.
+        Halves of a window in which nothing was seen, as known in each window. A gap without an
+        event of the whole sensor, from a (the start, or an event) to the next event b, counts if it
+        is a quarter of a window (and 1 us) or longer: as ``ceil((b - a) / max(window // 2, 1))``
+        halves, the first in the window that holds a plus a quarter of a window, the others in the
+        window that holds b.
     seen : sequence of bool, length n, optional
         Whether each window has an event of the whole sensor.
     """
