@@ -164,6 +164,11 @@ def most_weight(along: Sequence[int], driven: int, per_window: int) -> int:
     return min((8 * abs(driven) + window - 1) // window, 8)
 
 
+def sum_by_distance(most: int) -> int:
+    """Return which sum of windows every gain looks at, by the distance driven in one of them."""
+    return int(most <= 5) + int(most <= 2)
+
+
 # A window of a drive.
 
 
@@ -216,23 +221,25 @@ def advance_window(
     *,
     patience: int = PATIENCE,
     driven: int | None = None,
-    driven_whole: int = 0,
+    most: int = 8,
+    most_before: int = 0,
 ) -> Window:
     """Advance the filter by a window: `specification.advance`, with odometry.
 
     Parameters
     ----------
-    driven, driven_whole : int
-        With odometry, the distance that counts and the whole distance of the window.
+    driven : int, optional
+        With odometry, the distance that counts.
+    most, most_before : int
+        Then, the largest weights of this window and of the one before it.
     """
     of_filter = drive_map.filter
     seen = see(of_filter, state, activity, paused, patience)
     whole, by_distance = seen.weight, None
     if driven is not None:
-        along, per_window = drive_map.along, of_filter.per_window
-        by_distance = transitions_by_distance(along, driven, per_window)
-        weight = min(whole, most_weight(along, driven_whole, per_window))
-        seen = seen._replace(weight=weight, looks=[0] * len(seen.looks))
+        by_distance = transitions_by_distance(drive_map.along, driven, of_filter.per_window)
+        look = sum_by_distance(max(most, most_before)) if len(distances) > 1 else 0
+        seen = seen._replace(weight=min(whole, most), looks=[look] * len(seen.looks))
     steps = [steps_of(of_filter, seen, gain) for gain in of_filter.gains]
     if by_distance is None:
         predicted = predict(of_filter, state, steps)
@@ -344,7 +351,6 @@ def windows_of(
     driven: Sequence[int | None] = (),
     *,
     patience: int = PATIENCE,
-    begin: tuple[Filter, int] | None = None,
     unseen: Sequence[int] = (),
     seen: Sequence[bool] = (),
 ) -> list[Window]:
@@ -358,8 +364,6 @@ def windows_of(
         Events that count of each window.
     driven : sequence of int or None, length n, optional
         Distance between the newest readings of the odometer in a window and in the one before.
-    begin : Filter and int, optional
-        The filter and the mean activity before these windows.
     unseen : sequence of int, length n, optional
         Halves of a window in which nothing was seen, as known in each window. A gap without an
         event of the whole sensor, from a (the start, or an event) to the next event b, counts if it
@@ -369,10 +373,10 @@ def windows_of(
     seen : sequence of bool, length n, optional
         Whether each window has an event of the whole sensor.
     """
-    state, mean = begin or (drive_map.begin(), drive_map.mean_activity)
+    state, mean = drive_map.begin(), drive_map.mean_activity
     raw = driven or [None] * len(counted)
     that_counts = anchored(raw, spacing_of(drive_map.along)) if drive_map.along else raw
-    advanced = []
+    advanced, most_before = [], 0
     halves, with_events = unseen or [0] * len(counted), seen or [True] * len(counted)
     for rows, events, of_anchor, mm, gap, has_event in zip(
         distances, counted, that_counts, raw, halves, with_events, strict=True
@@ -382,10 +386,14 @@ def windows_of(
             metrics = [spread(row, steps) for row in state.metrics]
             state = state._replace(metrics=metrics, support=0, age=0)
         of_mean = drive_map.mean_activity if len(drive_map.filter.gains) > 1 else mean
+        most = 0
+        if mm is not None:
+            most = most_weight(drive_map.along, mm, drive_map.filter.per_window)
         window = advance_window(
             drive_map, state, activity_of(events, of_mean), is_pause(events, mean), rows,
-            patience=patience, driven=of_anchor, driven_whole=mm or 0,
+            patience=patience, driven=of_anchor, most=most, most_before=most_before,
         )  # fmt: skip
+        most_before = most
         state, mean = window.advanced.state, mean_activity_after(mean, events)
         advanced.append(window._replace(unseen=gap, seen=has_event))
     return advanced

@@ -122,6 +122,18 @@ def sum_of(speed: int, gain: int) -> int:
     return which
 
 
+@kernel(inline="always")
+def sum_by_distance(eighths: int) -> int:
+    """Return which sum of windows drives as far as a window of the map, some 1, 2 or 4 of them.
+
+    Parameters
+    ----------
+    eighths : int
+        Distance driven in a window, see `Transitions.weight_by_distance`.
+    """
+    return int(eighths <= 5) + int(eighths <= 2)
+
+
 @kernel(inner=True)
 def evidence_of_sum(
     distances: npt.NDArray[np.integer],

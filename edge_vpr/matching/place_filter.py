@@ -37,6 +37,7 @@ from edge_vpr.matching.evidence import (
     SPEED_SHIFT,
     evidence_of_sum,
     speed_after,
+    sum_by_distance,
     sum_of,
     weight_of,
 )
@@ -77,13 +78,13 @@ PATIENCE, PATIENCE_SMOOTHED = 2, 8
 NEAR = 8
 #: activity of a window in which the robot stands: it has the costs of the lowest row at any place
 STANDS = -4 * LOG_TOP
-#: `predicted_for` before there is a prediction, and `weight_by_distance` where it is by steps
+#: `predicted_for` before there is a prediction, and weights by distance where it is by steps
 NOT_PREDICTED, BY_STEPS = 4 * LOG_TOP, -1
 #: Numbers of a filter between two windows, and their values before the first; see `PlaceFilter`.
 BEFORE_FIRST = {
     "place": -1, "gain": 0, "few": 0, "speed": 0, "moved": 0, "support": 0, "age": 0,
     "residual": 0, "residual_before": 0, "running_misfit": FIRST_MISFIT,
-    "predicted_for": NOT_PREDICTED, "weight_by_distance": BY_STEPS,
+    "predicted_for": NOT_PREDICTED, "weight_by_distance": BY_STEPS, "weight_before": BY_STEPS,
 }  # fmt: skip
 NUMBERS = np.dtype(
     [(name, np.int64) for name in ("mean_activity", "mean_log", "patience", *BEFORE_FIRST)]
@@ -291,6 +292,7 @@ def see(numbers: Any, table: FilterTable, events: int) -> Seen:
         now.moved = min(before.moved + 1, (1 << SPEED_SHIFT) - 1)
     now.mean_activity = mean_activity_after(before.mean_activity, events)
     now.predicted_for, now.weight_by_distance = NOT_PREDICTED, BY_STEPS
+    now.weight_before = before.weight_by_distance
     by_steps = before.place >= 0 and before.weight_by_distance == BY_STEPS
     return Seen(paused, weight, STANDS if now.few > before.patience else activity, by_steps)
 
@@ -313,11 +315,13 @@ def evidence(
     if most != BY_STEPS:
         weight = min(seen.weight, most)
         rows.share[i] = (weight << WEIGHT_BITS) // max(seen.weight, 1)
+    farthest = max(most, state.numbers[0].weight_before)  # this window may have only begun
     for h in range(LANES):
         rows.sums[i, h] = 0
-    if len(distances) > 1 and most == BY_STEPS:
+    if len(distances) > 1:
         for h in range(table.gains.size):
-            rows.sums[i, h] = sum_of(state.numbers[1].speed, table.gains[h])
+            by_steps = sum_of(state.numbers[1].speed, table.gains[h])
+            rows.sums[i, h] = by_steps if most == BY_STEPS else sum_by_distance(farthest)
     for s in range(len(distances)):
         used = False
         for h in range(table.gains.size):
