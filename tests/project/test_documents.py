@@ -299,6 +299,22 @@ def test_every_experiment_that_pages_and_the_list_of_results_show_is_one():
         parser().parse_args(shlex.split(line, comments=True)[3:])
 
 
+def test_the_command_of_a_table_makes_all_of_its_seeds():
+    """Rows that it does not make would stay as they were when it is run again."""
+    with (ROOT / "docs/results/files.csv").open(newline="") as file:
+        listed = {row["file"]: row["command"] for row in csv.DictReader(file)}
+    checked = 0
+    for name, command in listed.items():
+        if not command.startswith("python -m lab "):
+            continue
+        seeds = parser().parse_args(shlex.split(command)[3:]).seeds
+        with (ROOT / "docs/results" / name).open(newline="") as file:
+            made = {int(row["seed"]) for row in csv.DictReader(file) if row["seed"]}
+        assert made in ({0}, set(range(seeds))), name
+        checked += 1
+    assert checked > 10
+
+
 def test_only_who_names_the_published_results_replaces_them():
     """A user's experiment writes elsewhere; the commands of the list, and make, name the folder."""
     assert not parser().parse_args(["simulated"]).output.startswith("docs")
