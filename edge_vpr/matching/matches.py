@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import math
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -23,36 +24,6 @@ if TYPE_CHECKING:
 
 #: largest number of nearest places of a query that are kept, for Recall@N
 CANDIDATES = 25
-
-# Ratio and margin of the best and the second-best place, from sums of distances.
-
-
-Sums = npt.NDArray[np.int64]
-
-
-def ratio_to_second(best: Sums, second: Sums) -> npt.NDArray[np.float64]:
-    """Return the best divided by the second-best distance; lower means more confident.
-
-    Parameters
-    ----------
-    best, second : ndarray of int64, shape (n,)
-        Sums of distances; -1 where there is no second.
-
-    Returns
-    -------
-    ndarray of float64, shape (n,)
-        0 to 1; 1 where both are zero, NaN where there is no second.
-    """
-    ratio = np.full(best.shape, np.nan)
-    np.divide(best, second, out=ratio, where=second > 0)
-    ratio[second == 0] = 1.0
-    return ratio
-
-
-def margin_to_second(best: Sums, second: Sums) -> Sums:
-    """Return the second-best less the best sum of distances; 0 if there is no second (-1)."""
-    return np.where(second < 0, 0, second - best)
-
 
 # The matches of a query traverse: best and second-best place of each query window.
 
@@ -84,9 +55,13 @@ class Matches(EqualByValue):
     place, second : ndarray of int64, shape (n,)
         Best place (the lowest in a tie), and the best one outside the exclusion zone (-1 if there
         is none).
-    distance_sum, second_sum : ndarray of int64, shape (n,)
-        Sum of the L distances along the sequence, L times D_seq (method.md section 5); -1 if there
-        is no second.
+    distance : ndarray of float64, shape (n,)
+        D_seq of the best place (method.md section 5); with the place filter, its metric.
+    second_distance : ndarray of float64, shape (n,)
+        The same of the second-best place; NaN if there is none.
+    ratio : ndarray of float64, shape (n,)
+        Best divided by second-best distance, 0 to 1; lower means more confident. 1 if both are
+        zero, NaN if there is no second.
     ties : ndarray of int64, shape (n,)
         Number of other places at the smallest distance.
     candidates : ndarray of int64, shape (n, 25)
@@ -109,9 +84,10 @@ class Matches(EqualByValue):
     query: npt.NDArray[np.int64]
     time_us: npt.NDArray[np.int64]
     place: npt.NDArray[np.int64]
-    distance_sum: npt.NDArray[np.int64]
+    distance: npt.NDArray[np.float64]
     second: npt.NDArray[np.int64]
-    second_sum: npt.NDArray[np.int64]
+    second_distance: npt.NDArray[np.float64]
+    ratio: npt.NDArray[np.float64]
     ties: npt.NDArray[np.int64]
     candidates: npt.NDArray[np.int64]
     trust: npt.NDArray[np.int64]
@@ -137,14 +113,15 @@ class Matches(EqualByValue):
         return self.time_us / 1e6
 
     @property
-    def distance(self) -> npt.NDArray[np.float64]:
-        """Distance D_seq of the best place; with the place filter, its metric."""
-        return self.distance_sum / self.settings.windows_per_match
+    def distance_sum(self) -> npt.NDArray[np.int64]:
+        """Sum of the L distances along the sequence, L times `distance`, shape (n,)."""
+        return np.rint(self.distance * self.settings.windows_per_match).astype(np.int64)
 
     @property
-    def second_distance(self) -> npt.NDArray[np.float64]:
-        """The same of the second-best place; NaN if there is none."""
-        return np.where(self.second < 0, np.nan, self.second_sum / self.settings.windows_per_match)
+    def second_sum(self) -> npt.NDArray[np.int64]:
+        """The same of the second-best place, shape (n,); -1 if there is none."""
+        sums = np.nan_to_num(self.second_distance) * self.settings.windows_per_match
+        return np.where(self.second < 0, -1, np.rint(sums)).astype(np.int64)
 
     @property
     def net_trust(self) -> npt.NDArray[np.int64]:
@@ -155,14 +132,6 @@ class Matches(EqualByValue):
     def margin(self) -> npt.NDArray[np.float64]:
         """Second-best less best distance, NaN without a second; higher means more confident."""
         return self.second_distance - self.distance
-
-    @property
-    def ratio(self) -> npt.NDArray[np.float64]:
-        """Best divided by second-best distance, 0 to 1; lower means more confident.
-
-        1 if both are zero, NaN if there is no second.
-        """
-        return ratio_to_second(self.distance_sum, self.second_sum)
 
     @classmethod
     def of_rows(
@@ -181,16 +150,11 @@ class Matches(EqualByValue):
         candidates : ndarray of int64, shape (n, c), optional
             Nearest places; by default the best alone.
         """
-        n, length = len(rows), settings.windows_per_match
-        has_second = rows["second"] >= 0
-        second = np.where(has_second, rows["second_distance"], 0.0)
         return cls(
             settings=settings,
             places_in_map=places_in_map,
-            query=np.arange(n, dtype=np.int64),
+            query=np.arange(len(rows), dtype=np.int64),
             time_us=rows["start_us"] + (rows["time_us"] - rows["start_us"]) // 2,
-            distance_sum=np.rint(rows["distance"] * length).astype(np.int64),
-            second_sum=np.where(has_second, np.rint(second * length), -1).astype(np.int64),
             candidates=rows["place"][:, None] if candidates is None else candidates,
             **{name: rows[name].copy() for name in _SHARED},
         )
@@ -217,7 +181,7 @@ class Matches(EqualByValue):
         """
         arrays = {name: getattr(self, name) for name in _COLUMNS}
         # for readers that open the file with NumPy only
-        arrays |= {name: getattr(self, name) for name in ("distance", "second_distance", "ratio")}
+        arrays |= {"distance_sum": self.distance_sum, "second_sum": self.second_sum}
         meta = {"settings": self.settings.to_dict(), "places_in_map": self.places_in_map}
         write_archive(path, KIND, arrays, meta, overwrite=overwrite)
 
@@ -267,8 +231,6 @@ class Matches(EqualByValue):
         return pandas.DataFrame(columns)
 
 
-#: Columns that are fields of a `Match`.
-_SHARED = ("place", "second", "ties", "trust", "misfit", "probability", "lost")
 _COLUMNS = tuple(field.name for field in fields(Matches))[2:]  # all arrays
 #: Columns of ``matches.csv``; `MATCH_DTYPE` and JSON rows use the same names, except that times in
 #: arrays are `time_us`.
@@ -276,6 +238,8 @@ TABLE = (
     "query", "time_s", "place", "distance", "second", "second_distance", "ratio", "trust",
     "misfit", "probability", "lost",
 )  # fmt: skip
+#: Columns that are fields of a `Match`.
+_SHARED = (*TABLE[2:], "ties")
 
 
 # The table of matches as CSV.
@@ -293,26 +257,26 @@ def write_csv(path: str | Path, matches: Matches, route: Route | None = None) ->
         Adds the coordinates of the matched place, metres along the route, and the interval of the
         exclusion zone around it; empty where the position is unknown.
     """
-    rejects = matches.settings.precision is not None
-    where = {} if route is None else route.columns(matches.place, matches.settings.exclusion_places)
-    time_s, distance, ratio = matches.time_s, matches.distance, matches.ratio
-    second_distance = matches.second_distance
+    settings = matches.settings
+    where = {} if route is None else route.columns(matches.place, settings.exclusion_places)
+    lost = [""] * len(matches) if settings.precision is None else matches.lost.astype(int).tolist()
+    columns = [
+        matches.query.tolist(), _texts(matches.time_s, "{:.6f}"), matches.place.tolist(),
+        _texts(matches.distance, "{:.6g}"), _known(matches.second),
+        _texts(matches.second_distance, "{:.6g}"), _texts(matches.ratio, "{:.6f}"),
+        matches.trust.tolist(), _known(matches.misfit), _texts(matches.probability, "{:.4f}"),
+        lost,
+        *(_texts(each, "{:.2f}" if name in ALONG else "{:.7f}") for name, each in where.items()),
+    ]  # fmt: skip
     with replacing(path) as temporary, temporary.open("w", newline="", encoding="utf-8") as file:
         table = csv.writer(file)
         table.writerow((*TABLE, *where))
-        for i in range(len(matches)):
-            second = int(matches.second[i])
-            row = [int(matches.query[i]), f"{time_s[i]:.6f}"]
-            row += [int(matches.place[i]), f"{distance[i]:.6g}", "" if second < 0 else second]
-            row += [_field(second_distance[i], "{:.6g}"), _field(ratio[i], "{:.6f}")]
-            misfit = int(matches.misfit[i])
-            row += [int(matches.trust[i]), "" if misfit < 0 else misfit]
-            row.append(_field(matches.probability[i], "{:.4f}"))
-            row.append(int(matches.lost[i]) if rejects else "")
-            for name, column in where.items():
-                row.append(_field(column[i], "{:.2f}" if name in ALONG else "{:.7f}"))
-            table.writerow(row)
+        table.writerows(zip(*columns, strict=True))
 
 
-def _field(value: float, form: str) -> str:
-    return "" if np.isnan(value) else form.format(value)
+def _texts(values: npt.NDArray[np.float64], form: str) -> list[str]:
+    return ["" if math.isnan(value) else form.format(value) for value in values.tolist()]
+
+
+def _known(values: npt.NDArray[np.int64]) -> list[object]:
+    return ["" if value < 0 else value for value in values.tolist()]

@@ -11,7 +11,7 @@ from edge_vpr.confidence import NO_MISFIT, Acceptance
 from edge_vpr.descriptors.windows import Descriptors
 from edge_vpr.errors import UsageError
 from edge_vpr.matching.distances import BLOCK_DISTANCES, ReferenceIndex
-from edge_vpr.matching.matches import Matches, margin_to_second
+from edge_vpr.matching.matches import Matches
 from edge_vpr.matching.search import best_matches, nearest_places
 from edge_vpr.settings import Settings
 
@@ -62,8 +62,35 @@ def middle_window(length: int) -> int:
     return length // 2
 
 
+Sums = npt.NDArray[np.int64]
+
+
+def ratio_to_second(best: Sums, second: Sums) -> npt.NDArray[np.float64]:
+    """Return the best divided by the second-best distance; lower means more confident.
+
+    Parameters
+    ----------
+    best, second : ndarray of int64, shape (n,)
+        Sums of distances; -1 where there is no second.
+
+    Returns
+    -------
+    ndarray of float64, shape (n,)
+        0 to 1; 1 where both are zero, NaN where there is no second.
+    """
+    ratio = np.full(best.shape, np.nan)
+    np.divide(best, second, out=ratio, where=second > 0)
+    ratio[second == 0] = 1.0
+    return ratio
+
+
+def margin_to_second(best: Sums, second: Sums) -> Sums:
+    """Return the second-best less the best sum of distances; 0 if there is no second (-1)."""
+    return np.where(second < 0, 0, second - best)
+
+
 class BestSequences(NamedTuple):
-    """Best places of n sequences, with the fields of `Matches`; place 0 is the first sum."""
+    """Best places of n sequences, with their sums of distances; place 0 is the first sum."""
 
     place: npt.NDArray[np.int64]
     distance_sum: npt.NDArray[np.int64]
@@ -116,9 +143,10 @@ def sequence_matches(
         query=query,
         time_us=query_us[query],
         place=best + offset,
-        distance_sum=best_sum,
+        distance=best_sum / settings.sequence_length,
         second=np.where(second < 0, -1, second + offset),
-        second_sum=second_sum,
+        second_distance=np.where(second < 0, np.nan, second_sum / settings.sequence_length),
+        ratio=ratio_to_second(best_sum, second_sum),
         ties=ties,
         candidates=np.where(candidates < 0, -1, candidates + offset),
         trust=trust,

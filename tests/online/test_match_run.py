@@ -15,7 +15,7 @@ from edge_vpr.compiling import SharedState
 from edge_vpr.confidence import Acceptance, Confidence
 from edge_vpr.errors import EventError, UsageError
 from edge_vpr.events import EVENT_DTYPE, Events, make_events
-from edge_vpr.matching.matches import margin_to_second, ratio_to_second
+from edge_vpr.matching.sequences import margin_to_second, ratio_to_second
 from edge_vpr.online.kernels import process_events, selected_in_order
 from edge_vpr.online.localiser import Localiser
 from edge_vpr.online.schedule import MatchSchedule

@@ -41,11 +41,7 @@ CURVE = "precision_recall.csv"
 MOST_WINDOWS = 5
 
 
-class Picture(NamedTuple):
-    """A figure that was drawn."""
-
-    svg: bytes
-    caption: str
+Picture = tuple[bytes, str]  # SVG and caption
 
 
 class Section(NamedTuple):
@@ -129,17 +125,17 @@ def _drawn(
     reference, evaluation, matches = result.reference, outcome.evaluation, outcome.matches
 
     def drawn(name: str, drawing: Figure, caption: str) -> Picture:
-        return Picture(save(drawing, *(folder / f"{name}.{kind}" for kind in formats)), caption)
+        return save(drawing, *(folder / f"{name}.{kind}" for kind in formats)), caption
 
     pictures = []
     view = RouteView.of(reference, outcome, route)
     if view is not None:
         pictures.append(drawn("route", view.figure(outcome), view.caption))
     scale = along_route(reference, route)
-    upper = "How far each match is from the true place" if outcome.truth else "The place"
     over = over_time(outcome, scale.values[matches.place], scale.label)
-    text = f"{upper}, and how probable it is to be correct."
-    sections = [Section("", [*pictures, drawn("matches", over, text)])]
+    upper = "How far each match is from the true place" if outcome.truth else "The place"
+    pictures.append(drawn("matches", over, f"{upper}, and how probable it is to be correct."))
+    sections = [Section("", pictures)]
     windows, at = result.queries, matches.query
     if windows is None:  # of a drive that was matched event by event: the last before each match
         windows = result.windows
@@ -174,11 +170,11 @@ def _drawn(
         sections.append(Section("Metrics", pictures, tables=(figures, *several)))
     if result.queries is not None:
         matrix = distance_matrix(reference, result.queries, outcome, route)
-        pictures = [drawn("distance_matrix", matrix, "Dark is near.")]
-        sections.append(Section("Distances", pictures))
+        picture = drawn("distance_matrix", matrix, "Dark is near.")
+        sections.append(Section("Distances", [picture]))
     text = "Where the sensor sees change that differs from place to place."
-    sections.append(Section("Pixels", [drawn("pixels", selected_pixels(reference), text)]))
-    return sections
+    picture = drawn("pixels", selected_pixels(reference), text)
+    return [*sections, Section("Pixels", [picture])]
 
 
 def _described(reference: ReferenceMap, matches: Matches) -> str:
@@ -234,7 +230,7 @@ def _wrong_windows(
             caption += f" at {outcome.precision:g})"
         if not correct.size:
             caption += "; no place of the map is correct"
-        pictures.append(Picture(save(windows_side_by_side(reference, windows)), f"{caption}."))
+        pictures.append((save(windows_side_by_side(reference, windows)), f"{caption}."))
     return pictures
 
 
