@@ -473,6 +473,8 @@ class ReferenceMap(EqualByValue):
         """
         expect(settings, Settings, "settings", "Settings, as of map.settings.replaced")
         settings = settings.at_places_of(self.settings)
+        if settings == self.settings:
+            return self
         kept = settings.of_trust == self.settings.of_trust
         return replace(self, settings=settings, confidence=self.confidence if kept else None)
 
