@@ -178,15 +178,17 @@ class LiveSession:
     ) -> None:
         expect(protocol, str, "protocol", "its name, such as 'edvs'")
         _check_odometry(odometry)
+        self._heartbeat_s = _seconds(heartbeat, "heartbeat") or math.inf
+        self._max_age_s = _seconds(max_age, "max_age")
         map_file = Path(reference) if isinstance(reference, str | Path) else None
         route_map = loaded = _loaded(reference)
+        self.sensor = _sensor_of(sensor, loaded)
         if route_map is None and changes:
             raise UsageError(f"{', '.join(changes)}: nothing is matched without reference=")
         if route_map is not None and changes:
             check_causal(changes, "LiveSession")
             route_map = route_map.with_settings(None, changes, "LiveSession")
         self.reference = None if route_map is None else route_map.causal()
-        self.sensor = _sensor_of(sensor, route_map)
         self._protocol = protocol
         self.decoder = open_decoder(protocol, self.sensor)
         if not isinstance(every, MatchSchedule | None):
@@ -201,8 +203,6 @@ class LiveSession:
         self._address, self._odometry = str(line.link), odometry
         self._reconnect = line.reconnect and reopens
         self._drop, self._max_lag_s = line.drop, line.max_lag_s
-        self._heartbeat_s = _seconds(heartbeat, "heartbeat") or math.inf
-        self._max_age_s = _seconds(max_age, "max_age")
         source = Path(line.link) if isinstance(line.link, str | os.PathLike) else None
         self.files = SessionFiles() if files is None else files
         self.files.check(loaded, (source, map_file))

@@ -491,12 +491,12 @@ class PlaceFilter:
         along_mm : ndarray of int64, shape (K,), optional
             See `Transitions`.
         """
-        events, number = places.counted_events, settings.window_parts
+        number, exclusion = settings.window_parts, settings.exclusion_places
+        events = places.counted_events
         activity, typical = place_activity(events, number), typical_distances(places.counts)
         transitions = Transitions(
-            len(places), TransitionCosts.of(settings), activity, along_mm, typical,
-            settings.exclusion_places,
-        )  # fmt: skip
+            len(places), TransitionCosts.of(settings), activity, along_mm, typical, exclusion
+        )
         patience = PATIENCE_SMOOTHED if settings.smooth else PATIENCE
         return cls(transitions, activity_of_drive(events[::number]), patience)
 
