@@ -135,17 +135,13 @@ class Decoder:
         return events
 
     def _take(self, data: bytes, *, final: bool) -> Events:
-        before = self.health.skipped_bytes
+        """Decode bytes, keep those that are left, and count the others as decoded or skipped."""
+        health, skipped_before = self.health, self.health.skipped_bytes
         events, rest = self._decode_events(data, final=final)
-        self._account_bytes(data, rest, before)
-        return join_events(events)
-
-    def _account_bytes(self, data: bytes, rest: bytes, skipped_before: int) -> None:
-        """Keep the `rest` of the bytes, and count those before it as decoded or skipped."""
-        health = self.health
         self._pending, health.pending_bytes = rest, len(rest)
         skipped = health.skipped_bytes - skipped_before
         health.decoded_bytes += len(data) - len(rest) - skipped
+        return join_events(events)
 
     def _decode_events(self, data: bytes, *, final: bool) -> tuple[list[Events], bytes]:
         """Decode as `_decode` does, and filter the events."""
