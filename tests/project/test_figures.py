@@ -93,14 +93,6 @@ def sentences(page):
     return " ".join((ROOT / "docs" / page).read_text(encoding="utf-8").split())
 
 
-def test_slow_walks_are_those_of_the_table_of_robustness():
-    rows = rows_of("robustness.csv", matching="live", gains="7")
-    accepted = means_by("trouble", "accepted at 0.99", rows)
-    text = sentences("will_it_work.md")
-    slow, slow_auto = accepted["walking pace"], accepted["walking pace, --tau auto"]
-    assert f"{slow:.2f} of the matches are accepted, and with `--tau auto` {slow_auto:.2f}." in text
-
-
 def test_sentences_of_results_are_those_of_their_files():
     text = sentences("results.md")
     at = rows_of("position.csv", position="reported")

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -21,11 +22,12 @@ from edge_vpr.descriptors.pixels import PixelMap
 from edge_vpr.descriptors.windows import Descriptors, narrow
 from edge_vpr.evaluation.ground_truth import GroundTruth
 from edge_vpr.events import Events, join_events
+from edge_vpr.odometry import Odometry
 from edge_vpr.recordings.reading import EventSource
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.settings import PRESETS, Settings
 from edge_vpr.simulation import simulate_pair
-from edge_vpr.simulation.drive import QUERY, REFERENCE
+from edge_vpr.simulation.drive import QUERY, REFERENCE, wheel_odometry
 from lab.drives import STREETS, second_drive
 from lab.experiments.calibration import first_matches
 from lab.loop import Draw, Drives, Experiment, Row
@@ -124,22 +126,30 @@ FAULTS: Mapping[str, Change] = {
 }
 
 
-def troubled(seed: int) -> Iterator[tuple[str, list[MappedPair]]]:
+class Trouble(NamedTuple):
+    """A second drive under one trouble, or several drives through other streets."""
+
+    name: str
+    pairs: list[MappedPair]
+    odometry: Odometry | None = None
+
+
+def troubled(seed: int) -> Iterator[Trouble]:
     """Map a street; yield its second drive under each trouble, and drives through other streets."""
     reference, query = simulate_pair(seed)
     route = ReferenceMap.build(reference.keep(), _settings(seed))
     for name, second in STREETS.items():
         drive = second_drive(query, second)
         pair = MappedPair.of(route, drive, truth_of_pair(reference, drive))
-        yield name.removeprefix("street, "), [pair]
+        yield Trouble(name.removeprefix("street, "), [pair])
         if name == "street":
             counts = pair.counted.counts.astype(np.int64)
             for fault, change in FAULTS.items():
                 rng = np.random.default_rng((seed, len(fault)))
                 changed = change(counts, route.pixel_map, rng)
-                yield fault, [replace(pair, counted=_with(pair.counted, changed))]
+                yield Trouble(fault, [replace(pair, counted=_with(pair.counted, changed))])
             turned = count_windows(drive, _turned(route.pixel_map, 2), route.settings)
-            yield "the camera is turned by 2 pixels", [replace(pair, counted=turned)]
+            yield Trouble("the camera is turned by 2 pixels", [replace(pair, counted=turned)])
             events = join_events(list(drive))
             for fault, sent in (
                 ("the events of 2 s of every 10 are lost", _with_gaps(events)),
@@ -150,26 +160,30 @@ def troubled(seed: int) -> Iterator[tuple[str, list[MappedPair]]]:
             ):
                 source = opened(sent, sensor=drive.sensor)
                 assert isinstance(source, EventSource)
-                yield fault, [MappedPair.of(route, source, truth_of_pair(reference, drive))]
+                truth_of = truth_of_pair(reference, drive)
+                yield Trouble(fault, [MappedPair.of(route, source, truth_of)])
     yield from _slowly(seed)
     away = [MappedPair.of(route, simulate_pair(other)[1], _nowhere) for other in ELSEWHERE]
-    yield f"{len(away)} other streets", away
+    yield Trouble(f"{len(away)} other streets", away)
 
 
 def _settings(seed: int) -> Settings:
     return PRESETS["default"].replaced({"seed": seed, "precision": PRECISION}, "robustness")
 
 
-def _slowly(seed: int) -> Iterator[tuple[str, list[MappedPair]]]:
+def _slowly(seed: int) -> Iterator[Trouble]:
     """Map a street at 1 m/s and drive it again as slowly, with stops; with two windows."""
     stops = replace(QUERY, speed_mps=1.0, stops=3, stop_s=10.0)
     reference, query = simulate_pair(
         seed, length_m=300.0, reference=replace(REFERENCE, speed_mps=1.0), query=stops
     )
+    wheel = wheel_odometry(query.track, np.random.default_rng(seed))
     settings = _settings(seed)
     for name in ("walking pace", "walking pace, --tau auto"):
         route = ReferenceMap.build(reference.keep(), settings, track=reference.track)
-        yield name, [MappedPair.of(route, query.keep(), truth_of_pair(reference, query))]
+        pair = MappedPair.of(route, query.keep(), truth_of_pair(reference, query))
+        yield Trouble(name, [pair])
+        yield Trouble(f"{name}, odometry", [pair], wheel)
         settings = settings.replaced({"tau_us": fitting_window(route)[0]}, "robustness")
 
 
@@ -185,17 +199,17 @@ def _with(windows: Descriptors, counts: Counts) -> Descriptors:
 
 def measure(draw: Draw) -> Iterator[Row]:
     """Match live and smoothed, with seven gains, and live with one; live also in mid-route."""
-    for trouble, pairs in draw.pair:
+    for trouble, pairs, odometry in draw.pair:
         for matching, gains in (("live", 7), ("smoothed", 7), ("live", 1)):
             changes = {"smooth": matching == "smoothed", "gains": gains}
             shown = [pair.with_settings(changes) for pair in pairs]
-            matches = [pair.match() for pair in shown]
+            matches = [pair.match(odometry) for pair in shown]
             row = {TROUBLE: trouble, MATCHING: matching, GAINS: gains}
             if len(pairs) > 1:
                 row |= _accepted([~drive.lost for drive in matches])
             else:
                 row |= rates(matches[0], pairs[0].truth)
-                if matching == "live":
+                if matching == "live" and odometry is None:
                     row |= first_matches(shown, lambda matches: ~matches.lost)
             yield row
 
