@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import errno
 import json
-import re
 import tomllib
 from collections.abc import Mapping
 from dataclasses import MISSING, asdict, dataclass, fields
 from pathlib import Path
-from typing import Any, Literal, Self, get_args
+from typing import Annotated, Any, Literal, Self, get_args, get_type_hints
 
 from firmware_model.errors import DesignError
 from fixedpoint.activity import BANK_COSTS, EVENTS_TOP, GAINS, LOG_TOP, SUMS, WEIGHT_BITS
@@ -56,27 +55,6 @@ MAX_SIDE = 1 << 15
 #: accepts sequences of any sum
 LARGEST_SUM = (1 << 32) - 1
 
-_CHOICES = {"code": DeviceCode, "window": WindowKind, "matching": Matching}
-_RANGES = {
-    "width": (1, MAX_SIDE),
-    "height": (1, MAX_SIDE),
-    "pixels": (1, 1 << 15),
-    "code_bits": (1, MAX_BITS),
-    "tau_us": (1, 1 << 63),
-    "window_events": (1, (1 << 32) - 1),
-    "timestamp_bits": (2, 64),
-    "places": (1, 1 << 24),
-    "length": (0, 1 << 12),
-    "places_per_window": (1, 2),
-    "gains": (1, len(GAINS)),
-    "restart": (0, MAX_COST),
-    "trust": (0, TRUST_TOP),
-    "lanes": (1, 1 << 10),
-    "exclusion": (0, 1 << 15),
-    "largest_sum": (0, LARGEST_SUM),
-    "lookup_depth": (0, 1 << 20),
-}
-
 
 def _shown(value: object) -> str:
     try:
@@ -95,69 +73,51 @@ LENGTH = 5
 class Design:
     """All parameters of what a device computes, without the contents of its tables.
 
-    Parameters
-    ----------
-    width, height : int
-        Of the sensor.
-    pixels : int
-        J, selected pixels.
-    code : {"counts", "contrast"}
-        Saturating counts, or contrast codes.
-    code_bits : int
-        Of contrast codes at most 8.
-    window : {"time", "count"}
-        A window ends by time, or by its number of events.
-    tau_us : int
-        Length of a window by time in µs, below half the clock's period.
-    window_events : int
-        Events at selected pixels in a window by count.
-    timestamp_bits : int
-        Of the clock in µs, which wraps.
-    places : int
-        K.
-    matching : {"sequence", "filter"}
-        Sequences of L windows, or the place filter.
-    length : int
-        L; 0 takes 5. The filter has 1.
-    places_per_window : {1, 2}
-        Filter: places that start in one window.
-    gains : {1, 7}
-        Filter: gains of the camera, 1 or 7; 7 need contrast codes and windows by time.
-    restart : int
-        Filter: cost of a jump to any place.
-    lanes : int
-        P, codes compared per clock.
-    exclusion : int
-        The second best place is more than so many places from the best.
-    trust : int
-        Filter: least accepted trust, in 1/16 of a unit of the metric, 1/64 of a cost.
-    largest_sum : int
-        Sequences: largest accepted sum.
-    lookup_depth : int
-        Entries of the pixel look-up, a power of two, at least `width` and `pixels`; 0 takes the
-        smallest that is also at least twice `pixels`.
+    A number has its least and its largest value, and each key says what it is.
     """
 
-    width: int
-    height: int
-    pixels: int
-    code: DeviceCode = "counts"
-    code_bits: int = 3
-    window: WindowKind = "time"
-    tau_us: int = 1_000_000
-    window_events: int = 450
-    timestamp_bits: int = 32
-    places: int
-    matching: Matching = "sequence"
-    length: int = 0
-    places_per_window: int = 1
-    gains: int = 1
-    restart: int = 16
-    lanes: int = 8
-    exclusion: int = 3
-    trust: int = 0
-    largest_sum: int = LARGEST_SUM
-    lookup_depth: int = 0
+    width: Annotated[int, 1, MAX_SIDE, "Of the sensor."]
+    height: Annotated[int, 1, MAX_SIDE, "Of the sensor."]
+    pixels: Annotated[int, 1, 1 << 15, "J, selected pixels."]
+    code: Annotated[DeviceCode, "Saturating counts, or contrast codes."] = "counts"
+    code_bits: Annotated[int, 1, MAX_BITS, "Of contrast codes at most 8."] = 3
+    window: Annotated[WindowKind, "A window ends by time, or by its number of events."] = "time"
+    tau_us: Annotated[
+        int, 1, 1 << 63, "Length of a window by time in µs, below half the clock's period."
+    ] = 1_000_000
+    window_events: Annotated[
+        int, 1, (1 << 32) - 1, "Events at selected pixels in a window by count."
+    ] = 450
+    timestamp_bits: Annotated[int, 2, 64, "Of the clock in µs, which wraps."] = 32
+    places: Annotated[int, 1, 1 << 24, "K."]
+    matching: Annotated[Matching, "Sequences of L windows, or the place filter."] = "sequence"
+    length: Annotated[int, 0, 1 << 12, "L; 0 takes 5. The filter has 1."] = 0
+    places_per_window: Annotated[int, 1, 2, "Filter: places that start in one window."] = 1
+    gains: Annotated[
+        int,
+        1,
+        len(GAINS),
+        "Filter: gains of the camera, 1 or 7; 7 need contrast codes and windows by time.",
+    ] = 1
+    restart: Annotated[int, 0, MAX_COST, "Filter: cost of a jump to any place."] = 16
+    lanes: Annotated[int, 1, 1 << 10, "P, codes compared per clock."] = 8
+    exclusion: Annotated[
+        int, 0, 1 << 15, "The second best place is more than so many places from the best."
+    ] = 3
+    trust: Annotated[
+        int,
+        0,
+        TRUST_TOP,
+        "Filter: least accepted trust, in 1/16 of a unit of the metric, 1/64 of a cost.",
+    ] = 0
+    largest_sum: Annotated[int, 0, LARGEST_SUM, "Sequences: largest accepted sum."] = LARGEST_SUM
+    lookup_depth: Annotated[
+        int,
+        0,
+        1 << 20,
+        "Entries of the pixel look-up, a power of two, at least `width` and `pixels`; 0 takes the "
+        "smallest that is also at least twice `pixels`.",
+    ] = 0
 
     def __post_init__(self) -> None:
         self._check_each()
@@ -174,9 +134,9 @@ class Design:
                 raise DesignError(f"design: {name} = {_shown(value)}: expected {low} to {high}")
         for name, choices in _CHOICES.items():
             value = getattr(self, name)
-            if value not in get_args(choices):
+            if value not in choices:
                 raise DesignError(
-                    f"design: {name} = {_shown(value)}: choose from {', '.join(get_args(choices))}"
+                    f"design: {name} = {_shown(value)}: choose from {', '.join(choices)}"
                 )
 
     def _check_together(self) -> None:
@@ -352,6 +312,11 @@ class Design:
         return cls.from_dict(values, str(path))
 
 
+_KEYS = get_type_hints(Design, include_extras=True)
+_RANGES = {name: key.__metadata__[:2] for name, key in _KEYS.items() if key.__origin__ is int}
+_CHOICES = {name: get_args(key.__origin__) for name, key in _KEYS.items() if name not in _RANGES}
+
+
 def read_file(path: str | Path, most: int = -1) -> bytes:
     """Read a file, up to `most` bytes of it; a pipe or device, or a link to one, has no end.
 
@@ -439,17 +404,13 @@ def widths_of(design: Design) -> dict[str, int]:
 
 
 def page() -> str:
-    """Return the keys of a design's file in Markdown: defaults, ranges, and what `Design` says."""
-    texts: dict[str, str] = {}
-    entry = re.compile(r"^    (\w+(?:, \w+)*) : .*\n((?:        .*\n)+)", re.MULTILINE)
-    for names, text in entry.findall(Design.__doc__ or ""):
-        texts |= dict.fromkeys(names.split(", "), " ".join(text.split()))
+    """Return the keys of a design's file in Markdown: defaults, ranges, and what each is."""
     lines = ["| key | default | range | |", "| --- | --- | --- | --- |"]
     for key in fields(Design):
         default = "needed" if key.default is MISSING else f"`{json.dumps(key.default)}`"
         if key.name in _RANGES:
             span = "{:,} to {:,}".format(*_RANGES[key.name])
         else:
-            span = ", ".join(f'`"{choice}"`' for choice in get_args(_CHOICES[key.name]))
-        lines.append(f"| `{key.name}` | {default} | {span} | {texts[key.name]} |")
+            span = ", ".join(f'`"{choice}"`' for choice in _CHOICES[key.name])
+        lines.append(f"| `{key.name}` | {default} | {span} | {_KEYS[key.name].__metadata__[-1]} |")
     return "\n".join(lines)

@@ -34,30 +34,17 @@ def tables(design: Design) -> tuple[str, ...]:
 
 def constants(design: Design) -> dict[str, int]:
     """Return the constants of the package's first part, from which its second part follows."""
-    return {
-        "WIDTH": design.width,
-        "HEIGHT": design.height,
-        "PIXELS": design.pixels,
-        "LOOKUP_DEPTH": design.lookup_depth,
-        "TIMESTAMP_BITS": design.timestamp_bits,
+    numbers = {name.upper(): value for name, value in design.numbers.items()}
+    del numbers["PLACES_PER_WINDOW"]
+    return numbers | {
         "BY_TIME": int(design.window == "time"),
-        "TAU_US": design.tau_us,
-        "WINDOW_EVENTS": design.window_events,
         "COUNT_MAX": design.count_max,
-        "CODE_BITS": design.code_bits,
         "CONTRAST": int(design.contrast),
-        "PLACES": design.places,
-        "LANES": design.lanes,
-        "LENGTH": design.length,
         "FILTER": int(design.filters),
-        "GAINS": design.gains,
         "STEPS": design.steps,
         "STEP_COSTS": _costs(design.step_costs),
         "RESTART": design.restart << FRACTION_BITS,
         "REACH": REACH if design.places_per_window == 2 else 0,
-        "TRUST": design.trust,
-        "EXCLUSION": design.exclusion,
-        "LARGEST_SUM": design.largest_sum,
         "DESIGN_CRC": zlib.crc32(design.to_toml().encode("utf-8")),
     }
 
