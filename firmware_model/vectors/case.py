@@ -207,8 +207,11 @@ class Stream:
         return window_codes(memories, self.events, self.start)
 
     def case(self, name: str, places: Sequence[Sequence[int]], **tables: Any) -> Case:
-        """Make the case of a map of these places; `tables` go to `Memories`."""
-        memories = Memories(self.design, self.pixels, places, **tables)
+        """Make the case of a map of these places; `tables` that it has go to `Memories`."""
+        design = self.design
+        has = {"activity": design.pauses, "mean": design.contrast, "limits": design.contrast}
+        tables = {what: table for what, table in tables.items() if has.get(what, design.filters)}
+        memories = Memories(design, self.pixels, places, **tables)
         return Case(name, memories, tuple(self.events), self.start)
 
 

@@ -34,7 +34,13 @@ def corner_cases(design: Design) -> list[Case]:
             gains=1,
         )  # fmt: skip
     design = replace(design, code="counts", places=_roomy(design))
-    return [*event_cases(design), *match_cases(design), _half_a_period_late(design)]
+    one = replace(
+        design, window="time", pixels=1, places=1, length=1, exclusion=0, lookup_depth=0
+    )  # fmt: skip
+    return [
+        *event_cases(design), *match_cases(design), _half_a_period_late(design),
+        numbered("numbered", one),
+    ]  # fmt: skip
 
 
 def _roomy(design: Design) -> int:
@@ -203,6 +209,16 @@ def _many_windows(design: Design) -> Case:
     return _case("many_windows", stream)
 
 
+def numbered(name: str, design: Design) -> Case:
+    """Make a case of more windows than 12 bits can number, with an event in each."""
+    stream = Stream(design)
+    for number in range(4100):
+        stream.slot(number % design.slots)
+        stream.end()
+    stream.close()
+    return stream.case(name, [[k % 2] * design.slots for k in range(design.places)])
+
+
 def _near_ends(design: Design) -> Case:
     """Make a case with events a power of two before and behind ends of windows, some silent.
 
@@ -337,14 +353,14 @@ def _pattern_case(name: str, design: Design, rows: str) -> Case | None:
     row = {"n": query, "f": furthest}
     for steps in (1, 2):
         if str(steps) in rows:
-            moved = _moved(design, query, steps)
+            moved = moved_by(design, query, steps)
             if moved is None:
                 return None
             row[str(steps)] = moved
     return stream.case(name, [row[kind] for kind in rows])
 
 
-def _moved(design: Design, codes: Codes, steps: int) -> Codes | None:
+def moved_by(design: Design, codes: Codes, steps: int) -> Codes | None:
     """Move codes to a distance of `steps` units of code; None if there is no room."""
     moved = list(codes)
     for slot, code in enumerate(codes):

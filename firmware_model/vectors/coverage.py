@@ -11,7 +11,15 @@ from firmware_model.design import Design
 from firmware_model.memories import Lookup, Memories
 from firmware_model.specification import Event, Machine, MatchResult, Trace, WindowResult
 from firmware_model.vectors.case import Case
-from firmware_model.vectors.facts import FILTER_CORNERS, Facts
+from firmware_model.vectors.facts import (
+    BITS,
+    FILTER_CORNERS,
+    Facts,
+    advanced_by,
+    bits_of,
+    replaced,
+    see_sums,
+)
 
 #: name of each corner, and what is counted as one occurrence of it
 CORNERS = {
@@ -40,6 +48,7 @@ CORNERS = {
     "full_window": "a window that ends with its last event",
     "all_equal_counts": "a window with the same count, not zero, in every counter",
     "window_above_255": "a window with a number above 255",
+    "window_above_4095": "a window with a number above 4,095",
     "narrow_clock": "a window longer than a ninth of the clock's period",
     "incomplete_sequence": "a window before which there were fewer than L - 1",
     "zero_distance": "a place at distance zero",
@@ -66,8 +75,12 @@ CORNERS = {
 }
 
 
+#: facts that take long, and others
+ALL = FILTER_CORNERS | BITS
+
+
 class _Drawing(Machine):
-    """The model by which cases are drawn: NumPy computes its distances, which cost most of them."""
+    """The model by which cases are drawn: NumPy computes its distances."""
 
     def __init__(self, memories: Memories, start: int = 0) -> None:
         super().__init__(memories, start)
@@ -77,13 +90,14 @@ class _Drawing(Machine):
         return list(map(int, abs(self._places - codes).sum(axis=1)))
 
 
-def coverage(case: Case, wanted: Container[str] = FILTER_CORNERS) -> dict[str, int]:
+def coverage(case: Case, wanted: Container[str] = ALL) -> dict[str, int]:
     """Count how often a case reaches each of `CORNERS`; see `watched_trace`."""
-    return watched_trace(case, wanted, _Drawing)[1]
+    with replaced("advance", advanced_by):
+        return watched_trace(case, wanted, _Drawing)[1]
 
 
 def watched_trace(
-    case: Case, wanted: Container[str] = FILTER_CORNERS, model: type[Machine] = Machine
+    case: Case, wanted: Container[str] = ALL, model: type[Machine] = Machine
 ) -> tuple[Trace, dict[str, int]]:
     """Run the model over a case, and count how often it reaches each of `CORNERS`.
 
@@ -99,13 +113,13 @@ def watched_trace(
     done : Trace
         Same as that of `Case.trace`.
     reached : dict of str to int
-        All corners, including those that are not reached. For a design with the filter or contrast
-        codes, `FILTER_CORNERS` are included.
+        All corners and `bits_of` the design, including those that are not reached. For a design
+        with the filter or contrast codes, `FILTER_CORNERS` are included.
     """
     done = Trace()
     machine, lookup = model(case.memories, case.start), case.memories.lookup()
     corners = CORNERS | FILTER_CORNERS if case.design.pauses else CORNERS
-    tally: Counter[str] = Counter(dict.fromkeys(corners, 0))
+    tally: Counter[str] = Counter(dict.fromkeys([*corners, *sorted(bits_of(case.design))], 0))
     facts = Facts(machine, tally, wanted)
     before: list[int | None] = [None, None]
     rows: list[list[int]] = []
@@ -126,7 +140,7 @@ def watched_trace(
                 _see_distances(case.design, machine.compared[0], tally)
                 facts.see_match(result)
             elif isinstance(result, MatchResult):
-                _see_match(case.design, result, rows, tally)
+                _see_match(case.design, result, rows, tally, wanted)
         tally["gap"] += ended >= 3
     done.states = machine.states
     if case.design.pauses:
@@ -149,7 +163,11 @@ def _see_event(
         tally["before_the_boundary"] += elapsed > 0 and behind == tau - 1
         tally["behind_silence"] += elapsed >= 2 * tau and behind > 0 and behind & (behind - 1) == 0
         tally["late"] += elapsed < 0
-        tally["half_a_period_late"] += elapsed - tau == 1 << (design.timestamp_bits - 1)
+        half = 1 << (design.timestamp_bits - 1)
+        tally["half_a_period_late"] += elapsed - tau == half
+        missing = half - tau + elapsed
+        if missing > 0 and missing & (missing - 1) == 0:
+            tally[f"late_bit_{missing.bit_length() - 1}"] += missing < half
     if y == design.height:
         tally["below_the_sensor"] += 1
     if x in (0, design.width - 1) and y in (0, design.height - 1):
@@ -157,11 +175,11 @@ def _see_event(
     if x >= design.width or y >= design.height:
         tally["off_the_sensor"] += 1
         tally["ended_off_the_sensor"] += ends
-        if design.filters:
-            columns = (event._replace(x=x ^ 1 << n) for n in range(16))
-            rows = (event._replace(y=y ^ 1 << n) for n in range(15))
-            beside = (machine.slot(one) for one in (*columns, *rows))
-            tally["beyond_a_pixel"] += any(slot is not None for slot in beside)
+        beside = {f"column_bit_{n}": event._replace(x=x ^ 1 << n) for n in range(16)}
+        beside |= {f"row_bit_{n}": event._replace(y=y ^ 1 << n) for n in range(15)}
+        for name, one in beside.items():
+            if name in tally:
+                tally[name] += machine.slot(one) is not None
     elif slot is None:
         tally["unselected"] += 1
         tally["entry_of_another_row"] += lookup.taken(x, y)
@@ -192,6 +210,7 @@ def _see_window(machine: Machine, window: WindowResult, tally: Counter[str]) -> 
         tally["clock_wrapped"] += machine.end < design.tau_us
         tally["short_clock_wrapped"] += machine.end < design.tau_us and design.timestamp_bits < 32
     tally["window_above_255"] += window.number > 255
+    tally["window_above_4095"] += window.number > 4095
     tally["incomplete_sequence"] += window.number + 1 < design.length
     tally["lanes_unfilled"] += design.slots % design.lanes > 0
 
@@ -203,11 +222,16 @@ def _see_distances(design: Design, distances: Sequence[int], tally: Counter[str]
 
 
 def _see_match(
-    design: Design, match: MatchResult, rows: list[list[int]], tally: Counter[str]
+    design: Design,
+    match: MatchResult,
+    rows: list[list[int]],
+    tally: Counter[str],
+    wanted: Container[str],
 ) -> None:
     """Count a match's corners; `rows` are the distances of the last L windows, newest first."""
     ends = range(design.length - 1, design.places)
     sums = [(k, sum(row[k - ago] for ago, row in enumerate(rows))) for k in ends]
+    see_sums(tally, wanted, [total for _, total in sums], design.exclusion)
     tally["tie_of_two"] += match.ties == 1
     tally["tie_of_three"] += match.ties >= 2
     tally["long_sequence"] += design.length > 8

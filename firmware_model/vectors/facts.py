@@ -6,10 +6,13 @@ Facts are computed from what the model keeps and returns, not from how a case wa
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Container, Iterator
+from collections.abc import Callable, Container, Iterator, Sequence
 from contextlib import contextmanager
 from itertools import chain
 from typing import Any, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
 
 from firmware_model import specification
 from firmware_model.design import (
@@ -24,13 +27,13 @@ from firmware_model.design import (
     RESIDUAL_TOP,
     TRUST_FRACTION_BITS,
     Design,
+    formats_of,
 )
 from firmware_model.specification import (
     GAIN_STEP,
     PATIENCE,
     WHOLE_AGE,
     Advanced,
-    Edges,
     Filter,
     FilterMap,
     Kept,
@@ -40,8 +43,6 @@ from firmware_model.specification import (
     Seen,
     Trace,
     activity_of,
-    advance,
-    change_gain,
     decide,
     differences_of,
     evidence,
@@ -49,10 +50,8 @@ from firmware_model.specification import (
     is_pause,
     mean_activity_after,
     mean_shift,
-    move,
-    row_of,
+    search,
     see,
-    steps_of,
     sums_of,
     which_sum,
     window_mean,
@@ -66,8 +65,9 @@ from fixedpoint.own_mean import (
     MEAN_FRACTION_BITS,
 )
 
-#: bits of mean numbers of events that no window of a small case has
-LARGE_MEANS = range(19, 24)
+_Array = npt.NDArray[np.int64]
+#: bits of a mean number of events, but for those that change a pause alone
+_MEAN_BITS = range(ACTIVITY_FRACTION_BITS + PAUSE_SHIFT, 31)
 _ROWS = range(len(BANK_COSTS[1]))
 #: facts of the parts of an octave in the logarithm of the mean
 LOGARITHMS = [f"logarithm_{n}{which}" for which in ("", "_below") for n in range(PARTS)]
@@ -77,8 +77,38 @@ _OF_THE_MIDDLE = (
 )  # fmt: skip
 #: corners of `coverage` that a core of one size shows in windows by time
 OF_THE_CLOCK = {"before_the_boundary", "clock_wrapped", "gap", "late", "on_the_boundary"}
+#: those of such a core, if it is small, that take many windows
+OF_MANY_WINDOWS = {"half_a_period_late", "window_above_4095"}
 #: the same of its counters, in windows of any kind
 OF_COUNTERS = {"filled", "saturated"}
+#: and of its matches by sequences
+OF_SEQUENCES = {
+    "zero_distance", "largest_distance", "tie_of_two", "tie_of_three", "tie_across_zone",
+    "tie_of_seconds", "tie_of_seconds_on_the_left", "tie_of_seconds_on_both_sides",
+    "second_on_the_left", "second_on_the_right", "nearer_in_the_zone", "diagonal_off_the_map",
+}  # fmt: skip
+#: bits that decide; `bits_of` a design are those that it has
+BITS = {
+    **{
+        f"{side}_bit_{n}": f"an event off the sensor, but for bit {n} of its {side} at a selected "
+        "pixel"
+        for side, bits in (("column", 16), ("row", 15))
+        for n in range(bits)
+    },
+    **{
+        f"late_bit_{n}": f"an event half the clock's period before the end of a window, less 2^{n}"
+        for n in range(63)
+    },
+    **{f"sum_bit_{n}": f"a match that would be another were bit {n} of all sums 0"
+       for n in range(43)},
+    **{
+        f"left_bit_{n}": f"a match whose second best is lower, with bit {n} in its sum"
+        for n in range(43)
+    },
+    **{f"mean_bit_{n}": f"a match that would be another were bit {n} of the mean activity 0"
+       for n in range(31)},
+}  # fmt: skip
+OF_MEANS = {f"mean_bit_{n}" for n in _MEAN_BITS}
 #: facts of a design with the place filter; what is counted as one occurrence of each
 FILTER = {
     "first_window": "a first window that does not pause: its evidence is scaled by its own spread",
@@ -111,11 +141,6 @@ FILTER = {
         "octave, where a part less or more is another match"
         for n in range(16)
         for which, what in (("", "that is the least"), ("_below", "one below the least"))
-    },
-    **{
-        f"mean_of_{n}_bits": f"a window behind the first, of whose mean number of events {n} bits "
-        "are whole"
-        for n in LARGE_MEANS
     },
     "decay_rounded": "a pause that takes from the mean what 1,024 does not divide",
     "decay_decides": "a case that would be another had this been rounded towards 0",
@@ -151,7 +176,8 @@ FILTER = {
     "stepped_back": "a best place one lower, which does not follow",
     "told_back": "a best place that follows, though what is told is below what was told",
     "filter_tie": "a match with another place at its metric",
-    "ties_above_255": "a match with more than 255 further places at its metric",
+    "ties_above_4095": "a match with more than 4,095 further places at its metric",
+    "all_places_tie": "a match with all other places at its metric",
     "filter_no_second": "a match of the filter without a second best",
     "trusted_at_threshold": "a match whose trust is the least that is accepted",
     "distrusted_at_threshold": "a match that is rejected for a trust less by one",
@@ -166,8 +192,6 @@ FILTER = {
     "trust_rounded": "a match whose trust is rounded down for its age",
     "trust_above_255": "a match with a trust above 255",
     "of_age": "a match with trust whose path is of age, and was before",
-    "beyond_a_pixel": "an event off the sensor, but for a bit of its column or row at a selected "
-    "pixel",
 }  # fmt: skip
 #: facts of the place filter with several gains
 SEVERAL_GAINS = {
@@ -178,8 +202,11 @@ SEVERAL_GAINS = {
         f"change_{which}_decides": f"a match that would be another had there been no change {what}"
         for which, what in (
             ("up", "to a higher gain"), ("down", "to a lower one"), ("by_one", "by one gain"),
+            ("by_several", "by two gains and more"),
         )
     },
+    "changes_before_restart_decide": "a match that would be another had a restart been from the "
+    "best place of a gain before changes of gain",
     **{f"sum_{n}": f"a match by the sum of {n} windows" for n in SUMS},
     "three_sums": "a window in which gains look at all three sums",
     "sum_forgotten": "a window in which a sum is looked at no more",
@@ -192,6 +219,8 @@ SEVERAL_GAINS = {
     "speed_below_nothing": "a negative mean speed that does not move by whole parts of an octave",
     "sum_above_1023": "a sum of counts that is above the largest count",
     "large_sum_decides": "a case that would be another had such a sum 10 bits",
+    "quiet_place": "a window that is no pause and has part of its weight, at a place with fewer "
+    "events by 4 1/2 octaves than the mean",
     "mean_apart": "a window whose running mean is an octave or more from the map's",
 }  # fmt: skip
 #: facts of contrast codes
@@ -218,7 +247,6 @@ CONTRAST = {
     },
     "last_shift_stays": "a case that would be another had the number of windows begun anew",
     "highest_mean": "a counter whose running mean is the largest there is",
-    "window_above_1023": "a window with a number above 1,023",
     "events_above_16_bits": "a window with more events than 16 bits can count",
 }
 #: all of them
@@ -227,35 +255,81 @@ FILTER_CORNERS = FILTER | SEVERAL_GAINS | CONTRAST
 
 def facts_for(design: Design) -> set[str]:
     """Return the facts that vectors of a design show: of fewer than 8 pixels as many as can be."""
-    names = set(CONTRAST) | set(FILTER)
+    names = set(CONTRAST) | set(FILTER) | OF_MEANS | {"window_above_4095"}
+    names -= {"events_above_16_bits"}  # a case is large, and one that shows `events_decide` has it
     if design.gains > 1:
         names |= set(SEVERAL_GAINS)
     return names
 
 
-def own_facts(design: Design) -> set[str]:
-    """Return the facts that are looked for in cases of a design with the place filter itself.
+def bits_of(design: Design) -> set[str]:
+    """Return those of `BITS` that a design has."""
+    bits = {
+        "column": range((design.width - 1).bit_length(), 16),
+        "row": range((design.height - 1).bit_length(), 15),
+        "sum": range(formats_of(design)["sum"].width),
+        "left": range(formats_of(design)["sum"].width),
+    }
+    if design.window == "time":
+        bits["late"] = range(design.timestamp_bits - 1)
+    if design.filters:
+        bits["mean"] = _MEAN_BITS
+    return {f"{name}_bit_{n}" for name, numbers in bits.items() for n in numbers}
 
-    The parts of a logarithm's table and a drive of 1,024 windows are the same in every design, and
-    take long to show in a large map.
+
+def own_facts(design: Design) -> set[str]:
+    """Return the facts that are looked for in cases of a design itself.
+
+    The parts of a logarithm's table are the same in every design, and take long to show in a large
+    map, as bits of the mean and thousands of windows do.
     """
-    names = facts_for(design).difference(LOGARITHMS, {"window_above_1023"})
+    names = OF_COUNTERS | bits_of(design) | (set(FILTER) if design.filters else OF_SEQUENCES)
+    names = names.difference(LOGARITHMS, OF_MANY_WINDOWS, {"ties_above_4095"})
+    if design.gains > 1:
+        names |= set(SEVERAL_GAINS)
+    small = design.places * design.slots <= 1 << 13
+    if not small:
+        names -= OF_MEANS | {"quiet_place"}
     half = design.places_per_window == 2
     names -= {f"{'' if half else 'half_'}costs_{n}" for n in _ROWS}
     names -= {"whole_place_told"} if half else set(_OF_THE_MIDDLE)
-    if not design.contrast:
-        names -= set(CONTRAST)
-    if design.places <= 256:
-        names -= {"ties_above_255"}
+    if design.contrast:
+        names |= set(CONTRAST) - {"events_above_16_bits"}
+    if design.length == 1:
+        names -= {"diagonal_off_the_map"}
+    if design.window == "count" or design.contrast:
+        names -= {"largest_distance"}
+    if design.window == "count" and design.window_events <= design.count_max:
+        names -= OF_COUNTERS
     if design.places > 2 * design.exclusion + 1:
         names -= {"filter_no_second"}
     if design.slots * design.count_max <= 0xFFFF:
-        names -= {"events_above_16_bits", "events_decide"}
+        names -= {"events_decide"}
     if not design.trust:
         names -= {"trusted_at_threshold", "distrusted_at_threshold"}
     if design.window == "time":
         names |= OF_THE_CLOCK
-    return names | OF_COUNTERS
+        if small and not design.filters:
+            half_a_period = 1 << (design.timestamp_bits - 1)
+            names |= {"window_above_4095"}
+            names |= {"half_a_period_late"} if half_a_period < 4096 * design.tau_us else set()
+    return names
+
+
+def see_sums(
+    tally: Counter[str], wanted: Container[str], sums: Sequence[int], exclusion: int
+) -> None:
+    """Count bits of sums: without which places are others, and of a second best on the left."""
+    nearest = search(sums, exclusion)
+    places = nearest._replace(sum=0, second_sum=0)
+    for n in range(max(sums).bit_length()):
+        if f"sum_bit_{n}" in wanted:
+            other = search([one & ~(1 << n) for one in sums], exclusion)
+            tally[f"sum_bit_{n}"] += other._replace(sum=0, second_sum=0) != places
+    if nearest.second is not None and nearest.second < nearest.place:
+        seconds = nearest.second_sum or 0
+        for n in range(seconds.bit_length()):
+            tally[f"left_bit_{n}"] += seconds >> n & 1
 
 
 class Facts:
@@ -281,7 +355,6 @@ class Facts:
             return
         counted = machine.that_count
         tally["events_above_16_bits"] += counted > 0xFFFF
-        tally["window_above_1023"] += self._kept.windows > 1023
         if design.contrast:
             self._see_means()
             for count, limit in zip(machine.counts, machine.memories.limits, strict=True):
@@ -298,6 +371,7 @@ class Facts:
             self.tally[name] += 1
         self._see_costs(filter_map, before, advanced)
         self._see_logarithm(filter_map, before, advanced)
+        self._see_mean(filter_map, before, advanced)
         self._see_metrics(filter_map, before, advanced)
         self._see_best(filter_map, match, before, advanced)
         self._see_trust(match, advanced, before)
@@ -320,9 +394,6 @@ class Facts:
         tally["long_pause"] += paused and self._paused
         tally["decay_rounded"] += paused and mean % 1024 > 0
         tally["scale_over_pause"] += self._paused and not paused and any(before.reciprocals)
-        bits = (mean >> ACTIVITY_FRACTION_BITS).bit_length()
-        if not first and bits in LARGE_MEANS:
-            tally[f"mean_of_{bits}_bits"] += 1
 
     def _see_costs(self, filter_map: FilterMap, before: Filter, advanced: Advanced) -> None:
         """Count the rows of the costs of a window's steps, and the activities of places."""
@@ -333,13 +404,13 @@ class Facts:
         if before.place is None or seen.stands:
             return
         half = "half_" if filter_map.per_window == 2 else ""
-        for own in filter_map.activity:
-            for gain in filter_map.gains:
-                left = seen.activity - own - gain
-                beyond = ((left + 4) >> 3) + SAME_ROW
-                tally[f"{half}costs_{row_of(left)}"] += 1
-                tally["costs_below"] += beyond < 0
-                tally["costs_above"] += beyond >= len(filter_map.costs)
+        left = seen.activity - np.add.outer(filter_map.gains, filter_map.activity)
+        beyond = ((left + 4) >> 3) + SAME_ROW
+        rows = np.clip(beyond, 0, len(_ROWS) - 1)
+        for row, times in enumerate(np.bincount(rows.ravel()).tolist()):
+            tally[f"{half}costs_{row}"] += times
+        tally["costs_below"] += int((beyond < 0).sum())
+        tally["costs_above"] += int((beyond >= len(_ROWS)).sum())
 
     def _see_logarithm(self, filter_map: FilterMap, before: Filter, advanced: Advanced) -> None:
         """Count means at the edges of logarithms, where these decide about a row."""
@@ -355,13 +426,32 @@ class Facts:
         ):
             if is_edge:
                 activity = state.activity + other
-                changed = advance(filter_map, before, activity, state.paused, self.machine.compared)
-                self.tally[name] += _told(changed) != _told(advanced)
+                other_one = advanced_by(
+                    filter_map, before, activity, state.paused, self.machine.compared
+                )
+                self.tally[name] += _told(other_one) != _told(advanced)
+
+    def _see_mean(self, filter_map: FilterMap, before: Filter, advanced: Advanced) -> None:
+        """Count bits of the mean without which one of the first matches is another."""
+        state, seen = self.machine.states[-1], advanced.seen
+        first = self.machine.memories.activity
+        several = self.machine.design.gains > 1
+        if state.window > 3:
+            return
+        for n in _MEAN_BITS:
+            name, without = f"mean_bit_{n}", ~(1 << n)
+            if name not in self._wanted or self.tally[name]:
+                continue
+            paused = is_pause(state.counted, state.mean_activity & without)
+            mean = (first if several else state.mean_activity) & without
+            activity = activity_of(state.counted, mean)
+            if (paused, activity) != (seen.paused, seen.activity):
+                other = advanced_by(filter_map, before, activity, paused, self.machine.compared)
+                self.tally[name] += _told(other) != _told(advanced)
 
     def _see_metrics(self, filter_map: FilterMap, before: Filter, advanced: Advanced) -> None:
         tally, seen, first = self.tally, advanced.seen, before.place is None
-        changed = change_gain(before.metrics)
-        restarts = [min(row) + filter_map.restart for row in changed]
+        restarts = [int(row.min()) + filter_map.restart for row in changed(before.metrics)]
         best, gain = advanced.best.place, advanced.best.gain
         if not first and filter_map.restart:
             for row, restart in zip(advanced.predicted, restarts, strict=True):
@@ -395,6 +485,7 @@ class Facts:
     ) -> None:
         tally, design, best = self.tally, self.machine.design, advanced.best.place
         least = [min(column) for column in zip(*advanced.state.metrics, strict=True)]
+        see_sums(tally, self._wanted, least, filter_map.exclusion)
         near, last = least[best] + 8, len(least) - 1
         tally["middle_below"] += match.place < best
         tally["middle_above"] += match.place > best
@@ -415,7 +506,8 @@ class Facts:
             # one on one side alone: the middle would be another
             tally["whole_place_told"] += sum(least[k] <= near for k in beside) == 1
         tally["filter_tie"] += match.ties > 0
-        tally["ties_above_255"] += match.ties > 255
+        tally["ties_above_4095"] += match.ties > 4095
+        tally["all_places_tie"] += 0 < match.ties == last
         tally["filter_no_second"] += match.second is None
         second = match.second is not None and design.trust > 0
         tally["trusted_at_threshold"] += second and match.trust == design.trust
@@ -459,6 +551,9 @@ class Facts:
         tally["gain_tie"] += of_best.count(min(of_best)) > 1
         tally["gain_changed"] += advanced.trust.age > 0 and best.gain != before.gain
         self._see_others(filter_map, before, advanced)
+        if before.place is not None and not seen.paused:
+            own = filter_map.activity[before.place] + min(filter_map.gains[before.gain], 0)
+            tally["quiet_place"] += own <= -73 and 0 < seen.weight < 8
         if not seen.paused:
             tally[f"sum_{SUMS[seen.looks[best.gain]]}"] += 1
             tally["three_sums"] += len(set(seen.looks)) == len(SUMS)
@@ -496,7 +591,7 @@ class Facts:
         for name, (needed, rule, other) in _OTHER_DEVICES.items():
             if not self.tally[needed] or name not in self._wanted:
                 continue
-            with _replaced(rule, other):
+            with replaced(rule, other):
                 if name in CONTRAST:  # of codes: without matches, it takes no time
                     codes = window_codes(case.memories, case.events, case.start)
                     self.tally[name] += codes != [window.codes for window in done.windows]
@@ -573,7 +668,7 @@ _OTHER_DEVICES: dict[str, tuple[str, str, Callable[..., Any]]] = {
 
 
 @contextmanager
-def _replaced(name: str, other: Callable[..., Any]) -> Iterator[None]:
+def replaced(name: str, other: Callable[..., Any]) -> Iterator[None]:
     """Replace a function of the specification in the block."""
     kept = getattr(specification, name)
     setattr(specification, name, other)
@@ -588,6 +683,7 @@ class _Rule(NamedTuple):
 
     #: gains, by their indices before and after, to which there is no change
     no_change: Callable[[int, int], bool] | None = None
+    restarts_first: bool = False  #: Before gains change.
     keeps_reciprocals: bool = False
     most_shift: int = 6  #: Of the mean speed.
 
@@ -597,6 +693,8 @@ _OTHER_FILTERS = {
     "change_up_decides": _Rule(lambda before, after: after > before),
     "change_down_decides": _Rule(lambda before, after: after < before),
     "change_by_one_decides": _Rule(lambda before, after: abs(after - before) == 1),
+    "change_by_several_decides": _Rule(lambda before, after: abs(after - before) > 1),
+    "changes_before_restart_decide": _Rule(restarts_first=True),
     "low_gains_decide": _Rule(lambda before, after: after < before and after < 4),
     "forgetting_decides": _Rule(keeps_reciprocals=True),
     "slowness_decides": _Rule(most_shift=5),
@@ -613,25 +711,24 @@ class _Window:
         self, filter_map: FilterMap, distances: Rows, before: Filter, advanced: Advanced
     ) -> None:
         self._map, self._distances, self._before = filter_map, distances, before
-        self._advanced, self._steps = advanced, dict[bool, list[Edges]]()
+        self._advanced, self._changed = advanced, changed(before.metrics)
 
     def without(self, rule: _Rule, state: Filter) -> Advanced:
         """Advance another filter."""
-        seen = self._see(rule, state)
-        changed = _changed(rule, state)
+        seen, of_model = self._see(rule, state), self._advanced
+        rows = changed(state.metrics, rule.no_change)
+        best = rows.min(axis=1)
+        if rule.restarts_first:
+            metrics = np.array(state.metrics)
+            best = metrics.min(axis=1) - metrics.min()
         against = evidence(self._map, state, seen, self._distances)
         if rule.keeps_reciprocals:
             pairs = zip(against.reciprocals, state.reciprocals, strict=True)
             against = against._replace(reciprocals=[new or old for new, old in pairs])
-        of_model = self._advanced
-        if state is self._before and (seen, changed, against) == (
-            of_model.seen, change_gain(state.metrics), of_model.evidence,
-        ):  # fmt: skip
+        alike = state is self._before and (seen, against) == (of_model.seen, of_model.evidence)
+        if alike and (rows == self._changed).all() and (best == self._changed.min(axis=1)).all():
             return of_model
-        predicted = [[0] * len(self._map.activity) for _ in self._map.gains]
-        if state.place is not None:
-            pairs_of = zip(changed, self._steps_of(seen), strict=True)
-            predicted = [move(row, edges, self._map.restart) for row, edges in pairs_of]
+        predicted = predictions(self._map, state, seen, rows, best)
         return decide(self._map, state, seen, predicted, against)
 
     def _see(self, rule: _Rule, state: Filter) -> Seen:
@@ -645,27 +742,45 @@ class _Window:
             speed=speed, looks=[which_sum(speed, gain) for gain in self._map.gains]
         )
 
-    def _steps_of(self, seen: Seen) -> list[Edges]:
-        """Return the steps of all gains, once for all filters whose robot stands, or moves."""
-        if seen.stands not in self._steps:
-            self._steps[seen.stands] = [steps_of(self._map, seen, gain) for gain in self._map.gains]
-        return self._steps[seen.stands]
+
+# The filter by NumPy, with which cases are drawn; the specification writes them.
 
 
-def _changed(rule: _Rule, state: Filter) -> list[list[int]]:
-    """Return what `change_gain` returns, by a rule."""
-    if rule.no_change is None:
-        return change_gain(state.metrics)
-    least, gains = min(map(min, state.metrics)), range(len(state.metrics))
-    changed = []
-    for h in gains:
-        rows = (
-            [one - least + GAIN_STEP * abs(h - g) for one in state.metrics[g]]
-            for g in gains
-            if not rule.no_change(g, h)
-        )
-        changed.append([min(column) for column in zip(*rows, strict=True)])
-    return changed
+def changed(metrics: Rows, no_change: Callable[[int, int], bool] | None = None) -> _Array:
+    """Return what `change_gain` returns, without some of the changes."""
+    rows = np.array(metrics)
+    rows -= rows.min()
+    gains = range(len(rows))
+    costs = [
+        [1 << 20 if no_change and no_change(g, h) else GAIN_STEP * abs(h - g) for g in gains]
+        for h in gains
+    ]
+    return np.asarray((rows + np.array(costs)[:, :, None]).min(axis=1))
+
+
+def predictions(
+    filter_map: FilterMap, state: Filter, seen: Seen, rows: _Array, best: _Array
+) -> list[list[int]]:
+    """Return what `predict` returns, with restarts from metrics of `best` of each gain."""
+    if state.place is None:
+        return [[0] * rows.shape[1] for _ in rows]
+    left = seen.activity - np.add.outer(filter_map.gains, filter_map.activity)
+    at = np.clip((left + 4) >> 3, -SAME_ROW, len(_ROWS) - 1 - SAME_ROW) + SAME_ROW
+    costs = np.array(filter_map.costs)[at * (not seen.stands)]
+    reached = np.repeat(best[:, None] + filter_map.restart, rows.shape[1], axis=1)
+    for step in range(min(costs.shape[2], rows.shape[1])):
+        moved = rows[:, : rows.shape[1] - step] + costs[:, step:, step]
+        reached[:, step:] = np.minimum(reached[:, step:], moved)
+    return [list(map(int, row)) for row in reached]
+
+
+def advanced_by(
+    filter_map: FilterMap, state: Filter, activity: int, paused: bool, distances: Rows
+) -> Advanced:
+    """Return what `advance` returns."""
+    seen, rows = see(filter_map, state, activity, paused), changed(state.metrics)
+    predicted = predictions(filter_map, state, seen, rows, rows.min(axis=1))
+    return decide(filter_map, state, seen, predicted, evidence(filter_map, state, seen, distances))
 
 
 def _told(advanced: Advanced) -> tuple[int, tuple[int | None, ...], int]:

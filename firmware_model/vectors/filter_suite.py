@@ -1,13 +1,14 @@
-"""The suites ``filter`` and ``own``: random cases of the place filter until every fact was seen.
+"""The suites ``filter`` and ``own``: random cases until every fact was seen.
 
 Each kind of case draws maps and drives from its own ranges, and for ``filter`` also designs; those
-of ``own`` have the design itself. A case is kept if it shows a fact of `vectors.facts` that none
-before it has shown.
+of ``own`` have the design itself, also of sequences. A case is kept if it shows a fact of
+`vectors.facts` that none before it has shown.
 """
 
 from __future__ import annotations
 
 from bisect import bisect_left
+from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from itertools import cycle, groupby
@@ -17,8 +18,10 @@ import numpy as np
 
 from firmware_model.design import ACTIVITY_FRACTION_BITS, LARGEST_SUM, LEVEL_TOP, LEVELS, Design
 from firmware_model.errors import VectorError
+from firmware_model.memories import Codes, Memories
 from firmware_model.specification import (
     Event,
+    Machine,
     activity_of,
     gains_of,
     ilog,
@@ -26,11 +29,15 @@ from firmware_model.specification import (
 )
 from firmware_model.specification_drive import bias_of
 from firmware_model.vectors.case import Case, Stream
+from firmware_model.vectors.corners import moved_by, numbered
 from firmware_model.vectors.coverage import coverage
 from firmware_model.vectors.facts import (
+    BITS,
     CONTRAST,
     LOGARITHMS,
     OF_COUNTERS,
+    OF_MEANS,
+    OF_SEQUENCES,
     OF_THE_CLOCK,
     SEVERAL_GAINS,
     facts_for,
@@ -83,19 +90,19 @@ def filter_cases(design: Design, seed: int = 0) -> list[Case]:
 
 
 def own_cases(design: Design, seed: int = 0) -> list[Case]:
-    """Make the cases of the suite ``own``, for a core that has no other design.
-
-    Parameters
-    ----------
-    design : Design
-        With the place filter.
-    """
+    """Make the cases of the suite ``own``, for a core that has no other design."""
     rng = np.random.default_rng((seed, 65))
-    kinds = _KINDS
-    if design.window == "count":
-        kinds = {kind: _KINDS[kind] for kind in ("drive", "near", "clear", "far", "full")}
-    kinds = {kind: _at_any_time(draw) for kind, draw in kinds.items()}
+    kinds = {kind: _at_any_time(_KINDS[kind]) for kind in _kinds_of(design)}
     return _until_seen(design, _as_it_is, kinds, own_facts(design), OWN_DRAWS, rng, FEWER_OWN_DRAWS)
+
+
+def _kinds_of(design: Design) -> list[str]:
+    """Return the kinds of cases that a design has, if it does not vary."""
+    by_count = ["drive", "near", "runs", "clear", "far", "full", "times"]
+    by_time = [*by_count, "half", "numbered", "long", "pauses", "loud", "halves"]
+    if design.window == "count":
+        return by_count
+    return list(_KINDS) if design.filters else by_time if design.contrast else by_time[:-4]
 
 
 def _at_any_time(draw: Draw) -> Draw:
@@ -114,7 +121,7 @@ def _at_any_time(draw: Draw) -> Draw:
             after = rng.integers(0, min(tau, 1 << 62), len(of_window))
             kind = rng.random(len(of_window))
             after[kind < 0.2], after[kind > 0.8] = 0, tau - 1
-            if draw is _times:
+            if draw in (_times, _half):
                 after[:] = 0
             events += (
                 event._replace(t=(start + opens + at) % period)
@@ -186,6 +193,7 @@ def _drive(name: str, design: Design, vary: Vary, rng: np.random.Generator, draw
     places = int(rng.choice([1, 2, 3, 4, 5, 6, 7, 8, 9, 12, 12, 16, 24]))
     design = vary(design, places=places)
     windows = 60 if design.places > 24 else int(rng.integers(10, 26))
+    windows += design.length - 1
     rates = _rates(design, rng)
     places = design.places
     shown = [_counts(rates[k], 1.0, rng) for k in range(places)]
@@ -415,6 +423,46 @@ def _sums(name: str, design: Design, vary: Vary, rng: np.random.Generator, drawn
     return stream.case(name, codes, activity=activity)
 
 
+class _OfSums(Machine):
+    """The model, which keeps the codes of each sum that it compares, and compares none."""
+
+    def __init__(self, memories: Memories) -> None:
+        super().__init__(memories)
+        self.seen: list[Codes] = []
+
+    def distances(self, codes: Sequence[int]) -> list[int]:
+        self.seen.append(tuple(codes))
+        return [0] * self.design.places
+
+
+def _paths(name: str, design: Design, vary: Vary, rng: np.random.Generator, drawn: int) -> Case:
+    """Draw places that are alike but for some with codes of sums, so that much speaks for these.
+
+    Then a gain is worth its changes, and a restart from another gain is the nearest one.
+    """
+    design = vary(design, places=int(rng.choice([24, 60])), window="time")
+    stream, events = Stream(design), int(rng.integers(8, 30))
+    kinds = [_spread(events, design, rng) for _ in range(int(rng.integers(2, 4)))]
+    for _ in range(60):
+        stream.fill(kinds[int(rng.integers(len(kinds)))])
+    stream.close()
+    activity = int(events * 2 ** rng.uniform(0, 2)) << ACTIVITY_FRACTION_BITS
+    model = _OfSums(
+        Memories(design, stream.pixels, [[0] * design.slots] * design.places, activity=activity)
+    )
+    for event in stream.events:
+        deque(model.take(event), 0)
+    alike = list(model.seen[int(rng.integers(len(model.seen)))])
+    for slot in rng.integers(design.slots, size=int(rng.integers(8))):
+        alike[slot] += 1 if alike[slot] < design.code_max else -1
+    codes: list[Sequence[int]] = [alike] * design.places
+    first = int(rng.integers(max(design.places - 12, 1)))
+    for at in rng.integers(min(design.places, 12), size=int(rng.integers(3, 9))):
+        codes[first + at] = model.seen[int(rng.integers(len(model.seen)))]
+    activities = [int(rng.integers(-50, 30))] * design.places
+    return stream.case(name, codes, activity=activity, place_activity=activities)
+
+
 # Distances: wide ones, small spreads, many places.
 
 
@@ -459,7 +507,7 @@ def _near(name: str, design: Design, vary: Vary, rng: np.random.Generator, drawn
     counts = _spread(20, design, rng)
     design = _long_enough(design, [counts], vary)
     stream = Stream(design)
-    for _ in range(6):
+    for _ in range(5 + design.length):
         stream.fill(counts)
     stream.close()
     shown = stream.shown_codes(None)[-1]
@@ -474,7 +522,10 @@ def _near(name: str, design: Design, vary: Vary, rng: np.random.Generator, drawn
 
 def _many(name: str, design: Design, vary: Vary, rng: np.random.Generator, drawn: int) -> Case:
     """Draw many equal places."""
-    design = vary(design, places=int(rng.integers(257, 300)), exclusion=2)
+    design = vary(
+        design, places=int(rng.integers(4097, 4200)), exclusion=2, lookup_depth=0,
+        pixels=min(design.pixels, ENOUGH_PIXELS),
+    )  # fmt: skip
     counts = [_spread(20, design, rng) for _ in range(3)]
     design = _long_enough(design, counts, vary)
     stream = Stream(design)
@@ -484,6 +535,41 @@ def _many(name: str, design: Design, vary: Vary, rng: np.random.Generator, drawn
     return stream.case(name, [stream.shown_codes(None)[0]] * design.places)
 
 
+def _runs(name: str, design: Design, vary: Vary, rng: np.random.Generator, drawn: int) -> Case:
+    """Draw windows that are alike, and runs of places whose sums are about a power of two, or ties.
+
+    A sum is about an odd number of such powers, so that its bit decides between two places.
+    """
+    number = int(rng.choice([0, 0, 60, 600 if design.contrast else 60]))
+    if design.window == "count":
+        number = min(design.window_events, 60)
+    counts = _spread(number, design, rng)
+    stream = Stream(design)
+    for _ in range(2 * design.length + 2):
+        stream.unselected()
+        stream.fill(counts)
+    stream.close()
+    shown = stream.shown_codes()[-1]
+    most = sum(max(code, design.code_max - code) for code in shown)
+    top = most * design.length
+    power = 1 << int(rng.integers(top.bit_length()))
+    total = power * (1 + 2 * int(rng.integers(top // (2 * power) + 1)))
+    last = drawn % 3 == 0  # the best place, behind a second best with a large sum
+    if last:
+        total = int(rng.integers(top // 2, top + 1))
+    about = (total // design.length + rng.integers(-3, 4, 4)).tolist()
+    others = [] if last else rng.choice([0, 1, 2, most], 2).tolist()
+    distances = [min(max(one, 0), most) for one in (*about, *others)]
+    few = rng.permutation(distances)[: int(rng.integers(2, 7))]
+    codes: list[Sequence[int]] = []
+    while len(codes) < design.places:
+        at = moved_by(design, shown, int(rng.choice(few)))
+        codes += [at or shown] * int(rng.integers(1, design.length + design.exclusion + 2))
+    if last:
+        codes[design.places - 1] = shown
+    return stream.case(name, codes[: design.places])
+
+
 # Long drives, and long windows.
 
 
@@ -491,11 +577,10 @@ def _long(name: str, design: Design, vary: Vary, rng: np.random.Generator, drawn
     """Draw as many windows as means take for their last shift, and more."""
     design = vary(design, places=3, window="time", code="contrast")
     stream, busy = Stream(design), rng.permutation(design.slots)[:ENOUGH_PIXELS]
-    many = drawn % 2 > 0
-    for window in range(1030 if many else 40 + (1 << LAST_SHIFT)):
+    for window in range(40 + (1 << LAST_SHIFT)):
         counts = [0] * design.slots
-        for slot in busy[: 1 + window % 3] if many else busy:
-            counts[slot] = 1 if many else int(rng.poisson(1 + 2 * (window // 30 % 2)))
+        for slot in busy:
+            counts[slot] = int(rng.poisson(1 + 2 * (window // 30 % 2)))
         stream.fill(counts)
     # a pause, and counts whose codes the means decide
     stream.unselected()
@@ -505,6 +590,38 @@ def _long(name: str, design: Design, vary: Vary, rng: np.random.Generator, drawn
     stream.close()
     codes = rng.integers(0, design.code_max + 1, (design.places, design.slots)).tolist()
     return stream.case(name, codes, mean=_means(design, rng), activity=2 << ACTIVITY_FRACTION_BITS)
+
+
+def _quiet(name: str, design: Design, vary: Vary, rng: np.random.Generator, drawn: int) -> Case:
+    """Draw windows of ever fewer events, none a pause, until quiet places have few."""
+    design = vary(design, places=3, window="time")
+    activity = mean = 1000 << ACTIVITY_FRACTION_BITS
+    stream = Stream(design)
+    for _ in range(260):
+        number = (mean >> ACTIVITY_FRACTION_BITS + PAUSE_SHIFT) + 1
+        mean = mean_activity_after(mean, number)
+        stream.fill(_spread(number, design, rng))
+    stream.close()
+    codes = rng.integers(0, design.code_max + 1, (design.places, design.slots)).tolist()
+    activities = rng.integers(-80, -72, design.places).tolist()
+    return stream.case(name, codes, activity=activity, place_activity=activities)
+
+
+def _numbered(name: str, design: Design, vary: Vary, rng: np.random.Generator, drawn: int) -> Case:
+    return numbered(name, vary(design, window="time", places=3, pixels=1, gains=1, lookup_depth=0))
+
+
+def _half(name: str, design: Design, vary: Vary, rng: np.random.Generator, drawn: int) -> Case:
+    """Draw an event half the clock's period behind the end of a window."""
+    stream, half = Stream(design), 1 << (design.timestamp_bits - 1)
+    stream.fill(_spread(20, design, rng))
+    stream.slot(0, offset=half)  # of the window before, which is still open
+    stream.skip(half // design.tau_us + 1)
+    for _ in range(design.length):
+        stream.fill(_spread(20, design, rng))
+    stream.close()
+    codes = rng.integers(0, design.code_max + 1, (design.places, design.slots)).tolist()
+    return stream.case(name, codes)
 
 
 def _pauses(name: str, design: Design, vary: Vary, rng: np.random.Generator, drawn: int) -> Case:
@@ -568,14 +685,15 @@ def _busy(name: str, design: Design, vary: Vary, rng: np.random.Generator, drawn
 def _large_means(
     name: str, design: Design, vary: Vary, rng: np.random.Generator, drawn: int
 ) -> Case:
-    """Draw a mean number of events of 19 bits or more."""
+    """Draw a mean number of events of which one bit makes a pause of the first window."""
     design = vary(design, places=4, window="time")
     stream = Stream(design)
-    for _ in range(3):
-        stream.fill(_spread(int(rng.integers(1, 30)), design, rng))
+    for events in (1, int(rng.integers(1, 30)), int(rng.integers(1, 30))):
+        stream.fill(_spread(events, design, rng))
     stream.close()
     codes = rng.integers(0, design.code_max + 1, (design.places, design.slots)).tolist()
-    return stream.case(name, codes, activity=int(2 ** rng.uniform(26.2, 30.99)))
+    bit = ACTIVITY_FRACTION_BITS + PAUSE_SHIFT + drawn % len(OF_MEANS)
+    return stream.case(name, codes, activity=(1 << bit) + 1)
 
 
 def _halves(name: str, design: Design, vary: Vary, rng: np.random.Generator, drawn: int) -> Case:
@@ -639,6 +757,9 @@ def _times(name: str, design: Design, vary: Vary, rng: np.random.Generator, draw
             x, y = stream.pixels[int(rng.integers(design.slots))]
             off = bits.pop() if bits and rng.random() < 0.5 else (0, 0)
             stream.at(x + off[0], y + off[1], at, bool(rng.integers(2)))
+        # half the clock's period before the end, less a power of two
+        for n in range(design.timestamp_bits - 1) if rng.random() < 0.3 else ():
+            stream.slot(0, offset=tau - (1 << design.timestamp_bits - 1) + (1 << n))
         # about a power of two before the end
         for n in range(1, design.timestamp_bits - 1):
             near = 1 << n // 2
@@ -653,6 +774,7 @@ _KINDS: dict[str, Draw] = {
     "drive": _drive,
     "numbers": _numbers,
     "sums": _sums,
+    "paths": _paths,
     "logarithm": _logarithms,
     "wide": _wide,
     "near": _near,
@@ -667,24 +789,33 @@ _KINDS: dict[str, Draw] = {
     "far": _far,
     "full": _full,
     "times": _times,
+    "quiet": _quiet,
+    "numbered": _numbered,
+    "half": _half,
+    "runs": _runs,
 }
+_OF_PATHS = {"change_by_several_decides", "changes_before_restart_decide"}
 #: kinds that are made for some facts alone
 _AIMED: dict[str, set[str]] = {
     "logarithm": set(LOGARITHMS),
-    "sums": {name for name in SEVERAL_GAINS if name.endswith(("decide", "decides"))},
-    "many": {"ties_above_255"},
+    "sums": {name for name in SEVERAL_GAINS if name.endswith(("decide", "decides"))} - _OF_PATHS,
+    "paths": _OF_PATHS,
+    "many": {"ties_above_4095", "all_places_tie"},
     "long": {
-        "window_above_1023",
         "speed_saturated",
         "last_shift_stays",
         *(name for name in CONTRAST if name.startswith("mean_shift_")),
     },
     "pauses": {"silence_of_nothing", "silence_decides", "decay_decides"},
-    "busy": {"events_above_16_bits", "events_decide"},
-    "large_means": {f"mean_of_{n}_bits" for n in range(19, 24)},
+    "busy": {"events_decide"},
+    "large_means": OF_MEANS,
     "halves": {"mean_of_a_half"},
     "clear": {"trust_above_255"},
     "far": {"nearest_above_7_bits"},
     "full": OF_COUNTERS,
-    "times": OF_THE_CLOCK | {"beyond_a_pixel"},
+    "times": OF_THE_CLOCK | {name for name in BITS if name.startswith(("column", "row", "late"))},
+    "quiet": {"quiet_place"},
+    "numbered": {"window_above_4095"},
+    "half": {"half_a_period_late"},
+    "runs": OF_SEQUENCES | {name for name in BITS if name.startswith(("sum", "left"))},
 }

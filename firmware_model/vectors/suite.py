@@ -24,7 +24,7 @@ from firmware_model.specification import MatchResult, Trace, WindowState
 from firmware_model.vectors import formats
 from firmware_model.vectors.case import NONE, Case, in_order, records, to_binary
 from firmware_model.vectors.corners import corner_cases
-from firmware_model.vectors.coverage import CORNERS, coverage, watched_trace
+from firmware_model.vectors.coverage import ALL, CORNERS, coverage, watched_trace
 from firmware_model.vectors.facts import FILTER_CORNERS
 from firmware_model.vectors.filter_suite import filter_cases, own_cases
 from firmware_model.vectors.formats import Table
@@ -215,10 +215,9 @@ is absent.
 
 
 def standard_suites(design: Design, seed: int, only: str | None = None) -> dict[str, list[Case]]:
-    """Make the suites that need only a design: ``corners`` and ``random``.
+    """Make the suites that need only a design: ``corners``, ``random`` and ``own``.
 
-    A design with the place filter or contrast codes also has the suite ``filter``, and one with the
-    place filter the suite ``own``.
+    A design with the place filter or contrast codes also has the suite ``filter``.
 
     Parameters
     ----------
@@ -237,14 +236,13 @@ def standard_suites(design: Design, seed: int, only: str | None = None) -> dict[
     }
     if design.pauses:
         makers["filter"] = lambda: filter_cases(design, seed)
-    if design.filters:
-        makers["own"] = lambda: own_cases(design, seed)
+    makers["own"] = lambda: own_cases(design, seed)
     return {suite: make() for suite, make in makers.items() if only in (None, suite)}
 
 
 #: corners that a suite is made for
 AIMED: Mapping[str, Iterable[str]] = {
-    "corners": CORNERS, "filter": FILTER_CORNERS, "own": FILTER_CORNERS,
+    "corners": CORNERS, "filter": ALL, "own": FILTER_CORNERS,
 }  # fmt: skip
 
 
@@ -360,7 +358,7 @@ def write_suites(
     manifest = Manifest(
         versions={"edge-vpr": version("edge-vpr")},
         seed=seed,
-        corners=CORNERS | FILTER_CORNERS,
+        corners=CORNERS | ALL,
         design=design,
         rtl=tuple(copy_sources(folder / RTL_FOLDER, SIMULATED)) if rtl else (),
         suites=tuple(written),

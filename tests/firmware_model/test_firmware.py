@@ -33,6 +33,7 @@ from firmware_model.image import STRUCT_BYTES, Word, image, page, ram_bytes, sea
 from firmware_model.specification import Machine, MatchResult, WindowResult
 from firmware_model.vectors import (
     Case,
+    corner_cases,
     filter_cases,
     from_binary,
     in_order,
@@ -64,16 +65,20 @@ def cases() -> dict[str, list[Case]]:
     """The suites that any design has, and that of the filter and contrast codes."""
     adaptive = replace(DESIGN, matching="filter", length=1, code="contrast")
     several = replace(adaptive, gains=7)
-    return standard_suites(DESIGN, seed=0) | {
-        "filter": standard_suites(adaptive, 0)["filter"],
+    suites = {
+        "corners": corner_cases(DESIGN),
+        "random": standard_suites(DESIGN, 0, "random")["random"],
+        "filter": filter_cases(adaptive),
         "gains": [
             replace(case, name=f"{case.name}_of_seven_gains") for case in filter_cases(several)
         ],
-        "own": [
-            replace(case, name=f"{case.name}_of_its_own")
-            for case in standard_suites(several, 0, "own")["own"]
-        ],
     }
+    for design in (DESIGN, several):
+        suites[f"own of {design.gains}"] = [
+            replace(case, name=f"{case.name}_of_{design.gains}_of_its_own")
+            for case in standard_suites(design, 0, "own")["own"]
+        ]
+    return suites
 
 
 @pytest.fixture(scope="session")

@@ -48,7 +48,14 @@ from firmware_model.vectors import (
     write_suites,
 )
 from firmware_model.vectors.coverage import watched_trace
-from firmware_model.vectors.facts import OF_COUNTERS, OF_THE_CLOCK, facts_for, own_facts
+from firmware_model.vectors.facts import (
+    BITS,
+    OF_COUNTERS,
+    OF_THE_CLOCK,
+    bits_of,
+    facts_for,
+    own_facts,
+)
 from firmware_model.vectors.filter_suite import filter_cases
 from firmware_model.vectors.manifest import FieldPlace
 from firmware_model.vectors.random_cases import random_adaptive_design
@@ -111,14 +118,17 @@ def test_the_same_seed_makes_the_same_bytes(vectors, tmp_path):
         assert data == (tmp_path / "again" / file).read_bytes(), file
         if data != (tmp_path / "other" / file).read_bytes():
             differ.add(file.parts[0])
-    assert differ == {"random", "manifest.json"}
+    assert differ == {"random", "own", "manifest.json"}
 
 
 @pytest.mark.parametrize("window", ["time", "count"])
 def test_the_corner_suite_reaches_every_corner(window):
     """Whatever windows a design has, as counted in the model's states."""
     design = replace(DESIGN, window=window, window_events=30)
-    reached = [{corner for corner, n in coverage(c).items() if n} for c in corner_cases(design)]
+    reached = [
+        {corner for corner, n in coverage(c).items() if n and corner not in BITS}
+        for c in corner_cases(design)
+    ]
     assert set().union(*reached) == set(CORNERS)
     # and no case could stand for all the others
     assert max(map(len, reached)) < len(CORNERS) - 5
@@ -160,12 +170,15 @@ def test_the_filter_suite_shows_every_fact(window, code, gains):
     assert all(case.design == design for case in suites["own"])
     by_its_own = {c for case in suites["own"] for c, n in coverage(case).items() if n}
     wanted = own_facts(design)
-    assert wanted <= facts_for(design) | OF_THE_CLOCK | OF_COUNTERS
+    assert wanted <= facts_for(design) | OF_THE_CLOCK | OF_COUNTERS | bits_of(design)
     assert len(wanted & by_its_own) > (0.8 if window == "time" else 0.6) * len(wanted)
-    assert (facts_for(design) == set(FILTER_CORNERS)) == (gains == 7)
+    large = {"events_above_16_bits"}  # what another fact implies
+    assert reached >= large
+    assert (facts_for(design) | large >= set(FILTER_CORNERS)) == (gains == 7)
     sequences = replace(design, matching="sequence", length=3, gains=1)
     assert ("filter" in standard_suites(sequences, 0)) == (code == "contrast")
-    assert {c for case in suites["corners"] for c, n in coverage(case).items() if n} == set(CORNERS)
+    of_corners = {c for case in suites["corners"] for c, n in coverage(case).items() if n}
+    assert of_corners - set(BITS) == set(CORNERS)
 
 
 @pytest.mark.parametrize("seed", range(8))
@@ -173,8 +186,8 @@ def test_the_suite_own_has_cases_of_any_design_itself(seed, monkeypatch):
     monkeypatch.setattr(filter_suite, "OWN_DRAWS", 1)
     rng = np.random.default_rng(seed)
     drawn = iter(lambda: random_adaptive_design(rng, (1, 7)), None)
-    design = next(each for each in drawn if each.filters)
-    for places in (design.places, 1 + seed % 3):
+    design = next(drawn)
+    for places in (design.places, design.length + seed % 3):
         design = replace(design, places=places)
         cases = standard_suites(design, seed, "own")["own"]
         assert cases and all(case.design == design for case in cases)
@@ -182,6 +195,20 @@ def test_the_suite_own_has_cases_of_any_design_itself(seed, monkeypatch):
         assert coverage(cases[0]) == watched_trace(cases[0])[1]
         codes = cases[0].memories.places
         assert filter_suite._bias_of(codes) == bias_of(typical_distances(codes))
+
+
+@pytest.mark.parametrize("code", ["counts", "contrast"])
+@pytest.mark.parametrize("window", ["time", "count"])
+def test_sequences_have_a_suite_of_their_own(window, code):
+    """All facts of counts, most of contrast codes: ties, each bit of a sum and off the sensor."""
+    design = replace(DESIGN, window=window, code=code, window_events=30)
+    cases = standard_suites(design, 1, "own")["own"]
+    assert all(case.design == design for case in cases)
+    reached = {c for case in cases for c, n in coverage(case).items() if n}
+    wanted = own_facts(design)
+    assert len(wanted & reached) >= (1 if code == "counts" else 0.8) * len(wanted)
+    assert reached >= {"row_bit_14", "column_bit_5", "sum_bit_5", "tie_of_seconds"}
+    assert ("half_a_period_late" in reached) == (window == "time")
 
 
 def test_a_fact_that_no_case_shows_fails_the_build(monkeypatch):
