@@ -21,7 +21,7 @@ from edge_vpr.events import (
     as_events,
 )
 from edge_vpr.matching.match import MATCH_DTYPE, NO_MATCHES, MatchRows, join_matches
-from edge_vpr.matching.place_filter import PlaceFilter
+from edge_vpr.matching.place_filter import NUMBERS, PlaceFilter
 from edge_vpr.matching.prediction import odometry_of_sequences
 from edge_vpr.odometry import MOST_MM, Odometer, OdometerCheck
 from edge_vpr.online.kernels import (
@@ -471,7 +471,10 @@ class Localiser:
         return Localiser(self._reference, every=self.every)
 
     def checksum(self) -> str:
-        """Return a checksum of the map, the settings and the version, which a state belongs to."""
+        """Return a checksum of the map, the settings and the version, which a state belongs to.
+
+        Between two versions, the names of the filter's numbers say which numbers a state has.
+        """
         reference = self._reference
         arrays = present(
             places=self.places,
@@ -490,6 +493,7 @@ class Localiser:
             "settings": self.settings.to_dict(),
             "every": asdict(self.every),
             "edge_vpr": __version__,
+            "numbers": NUMBERS.names,
         }
         return checksum_of(meta, arrays)
 

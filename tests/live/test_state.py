@@ -22,6 +22,8 @@ from edge_vpr.live.bridge import VirtualLink, open_device_link
 from edge_vpr.live.protocols import open_decoder, open_encoder
 from edge_vpr.live.state import KIND, StateWriter
 from edge_vpr.live.stream_matcher import StreamMatcher
+from edge_vpr.matching.place_filter import NUMBERS
+from edge_vpr.online import localiser as localiser_module
 from edge_vpr.online.localiser import Localiser
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.simulation import simulate_pair
@@ -289,6 +291,14 @@ def test_a_state_of_another_map_or_of_other_settings_is_not_used(street, tmp_pat
     for route, changes in ((other, {}), (reference, {"exclusion": 3})):
         _, (said,) = played(early, state, route, **changes)
         assert "of another map, of other settings" in said
+
+
+def test_a_state_with_other_numbers_of_the_filter_is_of_another_edge_vpr(street, monkeypatch):
+    """Of the same version too: such a state is not called damaged."""
+    localiser = Localiser(ReferenceMap.load(street[0]))
+    own = localiser.checksum()
+    monkeypatch.setattr(localiser_module, "NUMBERS", np.dtype(NUMBERS.descr[:-1]))
+    assert localiser.checksum() != own
 
 
 @pytest.mark.parametrize(
