@@ -525,9 +525,9 @@ class ReferenceMap(EqualByValue):
         return self.packed_bytes_per_place * self.settings.window_parts
 
     @property
-    def size(self) -> str:
+    def size_text(self) -> str:
         """Packed size, as text."""
-        return _size(self.packed_bytes_per_window, self.windows.window_us)
+        return _size_text(self.packed_bytes_per_window, self.windows.window_us)
 
     def save(
         self, path: str | Path, *, overwrite: bool = False, others: Iterable[str | Path] = ()
@@ -622,7 +622,7 @@ class MapInfo:
             "sensor": self.sensor,
             "places": f"{self.places:,}",
             "pixels": f"{self.pixels:,}, {self.counter_bits} bits each",
-            "size": _size(self.packed_bytes_per_place * self.window_parts, self.window_us),
+            "size": _size_text(self.packed_bytes_per_place * self.window_parts, self.window_us),
             "duration": f"{self.duration_us / 1e6:.6f} s, windows of {self.window_us / 1e6:g} s",
             "positions": positions,
             "matching": str(self.settings["matching"]),
@@ -632,7 +632,7 @@ class MapInfo:
         return "\n".join(f"{name:<9} {text}" for name, text in self.lines.items())
 
 
-def _size(bytes_per_window: int, window_us: int) -> str:
+def _size_text(bytes_per_window: int, window_us: int) -> str:
     return f"{bytes_per_window * 1e6 / window_us:,.0f} bytes per second of the route, packed"
 
 

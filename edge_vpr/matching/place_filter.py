@@ -320,8 +320,8 @@ def evidence(
         rows.sums[i, h] = 0
     if len(distances) > 1:
         for h in range(table.gains.size):
-            by_steps = sum_of(state.numbers[1].speed, table.gains[h])
-            rows.sums[i, h] = by_steps if most == BY_STEPS else sum_by_distance(farthest)
+            by_speed = sum_of(state.numbers[1].speed, table.gains[h])
+            rows.sums[i, h] = by_speed if most == BY_STEPS else sum_by_distance(farthest)
     for s in range(len(distances)):
         used = False
         for h in range(table.gains.size):
@@ -445,8 +445,10 @@ class PlaceFilter:
         is a pause; `mean_log`, the logarithm of the reference's mean, or -1 with one gain; `place`
         and `gain` of the best path (-1 before the first match); `few`, the windows with few events
         in a row; `speed`, the mean activity of the drive, and `moved`, the windows that moved it,
-        see `speed_after`; `support`, `age`, `residual` and `residual_before`, see `trust_of`; and
-        `running_misfit`, see `update_misfit`.
+        see `speed_after`; `support`, `age`, `residual` and `residual_before`, see `trust_of`;
+        `running_misfit`, see `update_misfit`; `predicted_for`, the activity that the prediction is
+        for; `weight_by_distance`, that of the present window, and `weight_before`, that of the
+        window before, or `BY_STEPS` without odometry; and `patience`.
     """
 
     def __init__(

@@ -141,7 +141,7 @@ def run(args: argparse.Namespace) -> None:
         assert along_mm is not None  # else matching refuses odometry
         route_m = length_m(along_mm / 1e3, reference.settings.window_parts)
         facts.append(of_part(recording, odometry).beside(matches.time_us, route_m))
-    size = f"{places_text(reference)}, {reference.size}"
+    size = f"{places_text(reference)}, {reference.size_text}"
     drives = result.facts()
     outcome = outcome_of(result.reference, matches)
     with results.results_folder(output, args.overwrite) as folder:

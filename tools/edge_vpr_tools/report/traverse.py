@@ -184,7 +184,7 @@ def _described(reference: ReferenceMap, matches: Matches) -> str:
     return (
         f"{len(matches):,} matches with {places_text(reference)} {by}, at "
         f"{len(reference.pixel_map)} of {reference.pixel_map.sensor.pixels:,} pixels; "
-        f"{reference.size}."
+        f"{reference.size_text}."
     )
 
 

@@ -160,7 +160,7 @@ def outcome_of(
     everything = np.ones(len(matches), dtype=np.bool_)
     if settings.precision is not None:
         return Outcome(matches, settings.precision, ~matches.lost, evaluation)
-    confidence = Acceptance.of(settings, reference.matched_with(settings).confidence).confidence
+    confidence = reference.matched_with(settings).acceptance.confidence
     try:
         if confidence is None:
             return Outcome(matches, None, everything, evaluation)
