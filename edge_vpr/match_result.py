@@ -390,9 +390,7 @@ class MatchResult:
         )
         if self.matches.settings.matching == "filter":
             unlike = int(np.count_nonzero(self.matches.misfit >= OFF_MAP_MISFIT))
-            lines["views"] = (
-                f"{unlike:,} of {self.matches.query.size:,} matches look unlike the map"
-            )
+            lines["views"] = f"{unlike:,} of {len(self):,} matches look unlike the map"
         if windows is not None and windows.counted is not None and windows.selected_events.any():
             beyond = 1 - windows.counted.sum() / windows.selected_events.sum()
             lines["pixels"] = (

@@ -1,4 +1,4 @@
-"""Counting: from the events of a recording to windows of counts at the selected pixels."""
+"""From the events of a recording to windows of counts at the selected pixels, and unseen time."""
 
 from __future__ import annotations
 

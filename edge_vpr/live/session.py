@@ -182,9 +182,9 @@ class LiveSession:
         self._max_age_s = _seconds(max_age, "max_age")
         map_file = Path(reference) if isinstance(reference, str | Path) else None
         route_map = loaded = _loaded(reference)
-        self.sensor = _sensor_of(sensor, loaded)
         if route_map is None and changes:
             raise UsageError(f"{', '.join(changes)}: nothing is matched without reference=")
+        self.sensor = _sensor_of(sensor, loaded)
         if route_map is not None and changes:
             check_causal(changes, "LiveSession")
             route_map = route_map.with_settings(None, changes, "LiveSession")

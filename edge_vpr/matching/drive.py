@@ -1,6 +1,6 @@
 """Matching of all windows of a recorded drive, by sequences or by the place filter.
 
-The filter matches each window immediately, or by the whole drive, by the later windows too: the
+The filter matches each window by those before it, or, with smoothing, by the later ones too. The
 metric of a place and gain is the cost of the cheapest path that ends there. The filter run
 backwards gives the cost to go: that of the cheapest path from there to the end of the drive. Their
 sum is the cost of the best path of the whole drive through this place, the min-plus form of
