@@ -1,4 +1,4 @@
-"""What is told of a run while it goes on: its command, its warnings, and that kernels are compiled.
+"""The command of a run, its warnings, and reports that kernels are compiled.
 
 Commands that need no kernel import this, and not the compiler.
 """
@@ -74,6 +74,6 @@ def compiling_reported(report: Callable[[str], object]) -> Iterator[None]:
 
 
 def tell(text: str) -> None:
-    """Tell the blocks that wait for it; `edge_vpr.compiling` calls this."""
+    """Report a text in the blocks of `compiling_reported`; `edge_vpr.compiling` calls this."""
     for report in _reports:
         report(text)

@@ -286,17 +286,15 @@ def shown(value: object) -> str:
 
 
 # The settings of mapping and matching: types, defaults, meaning, and allowed combinations.
-#
-# The flags, the TOML files and docs/settings.md are all made from the fields of `Settings`.
 
 
 _FILTER, _SEQUENCE = ("matching", ("filter",)), ("matching", ("sequence",))
 _CODE = ("counter_code", ("linear", "contrast"))
 
 
-def _setting(default: Any, group: str, help: str, **more: Any) -> Any:
-    """Return a field of `Settings` with its default and its description."""
-    described = SettingField(group=group, help=help, **more)
+def _setting(default: Any, group: str, help: str, **others: Any) -> Any:
+    """Return a field of `Settings` with its default and its description, see `SettingField`."""
+    described = SettingField(group=group, help=help, **others)
     return field(default=default, metadata={_DESCRIBED: described})
 
 

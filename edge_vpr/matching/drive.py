@@ -236,6 +236,9 @@ def runs(
         begin = end
 
 
+# Smoothing: the costs to go, from the last window back to the first.
+
+
 @kernel
 def smooth_windows(
     cost_to_go: Narrow,
