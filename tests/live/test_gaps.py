@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from edge_vpr.descriptors.counting import UnseenTime
+from edge_vpr.descriptors.unseen import UnseenTime
 from edge_vpr.descriptors.windows import FixedCount, FixedTime
 from edge_vpr.events import join_events
 from edge_vpr.live.protocols import open_decoder, open_encoder

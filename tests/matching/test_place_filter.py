@@ -20,9 +20,10 @@ from edge_vpr.descriptors.windows import (
 )
 from edge_vpr.errors import MapError, UsageError
 from edge_vpr.matching import drive as filtered_drive
-from edge_vpr.matching.drive import BackwardPass, match_descriptors
+from edge_vpr.matching.drive import match_descriptors
 from edge_vpr.matching.place_filter import PATIENCE, PlaceFilter, WindowRows
 from edge_vpr.matching.prediction import TransitionCosts, Transitions
+from edge_vpr.matching.smoothing import BackwardPass
 from edge_vpr.matching.trust import held_trust
 from edge_vpr.odometry import MOST_MM, Odometry
 from edge_vpr.settings import PRESETS, Settings
