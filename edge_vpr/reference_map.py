@@ -20,6 +20,7 @@ from edge_vpr.archive import (
     archive_errors,
     check_array,
     check_range,
+    present,
     read_archive,
     write_archive,
 )
@@ -550,8 +551,7 @@ class ReferenceMap(EqualByValue):
             "saliency": self.saliency,
             "hot": self.hot,
         }
-        optional = ((name, getattr(self, name)) for name in _OPTIONAL)
-        arrays |= {name: array for name, array in optional if array is not None}
+        arrays |= present(**{name: getattr(self, name) for name in _OPTIONAL})
         meta: dict[str, Any] = {
             "settings": self.settings.to_dict(),
             "sensor": list(self.pixel_map.sensor),

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from edge_vpr.archive import EqualByValue, check_array, check_range
+from edge_vpr.archive import EqualByValue, check_array, check_range, present
 from edge_vpr.compiling import kernel, plain
 from edge_vpr.errors import MapError, UsageError, expect
 from edge_vpr.events import TIME_LIMIT_US
@@ -161,8 +161,7 @@ class Descriptors(EqualByValue):
 
     def to_arrays(self) -> dict[str, npt.NDArray[Any]]:
         """Return the arrays by name, for an archive; the inverse of `from_arrays`."""
-        arrays = ((each.name, getattr(self, each.name)) for each in fields(self))
-        return {name: array for name, array in arrays if array is not None}
+        return present(**{each.name: getattr(self, each.name) for each in fields(self)})
 
     @classmethod
     def from_arrays(cls, arrays: Mapping[str, npt.NDArray[Any]]) -> Descriptors:

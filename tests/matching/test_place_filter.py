@@ -25,20 +25,23 @@ from edge_vpr.matching.place_filter import PATIENCE, PlaceFilter, WindowRows
 from edge_vpr.matching.prediction import TransitionCosts, Transitions
 from edge_vpr.matching.smoothing import BackwardPass
 from edge_vpr.matching.trust import held_trust
-from edge_vpr.odometry import MOST_MM, Odometry
+from edge_vpr.odometry import MOST_MM, Odometer, Odometry
 from edge_vpr.settings import PRESETS, Settings
 from firmware_model import specification, specification_drive
 from firmware_model.specification import distance, ilog
 from firmware_model.specification_drive import (
     PATIENCE_SMOOTHED,
+    advance_window,
     anchored,
     live_matches,
     misfit_of,
+    most_weight,
     running_misfits,
     smoothed,
     smoothed_matches,
     smoothed_misfits,
     spacing_of,
+    spread,
     typical_distances,
     windows_of,
 )
@@ -234,6 +237,58 @@ def test_the_cost_of_whole_paths_over_gains_equals_the_oracle(
         assert residual[w] == rows[w].evidence(one.gain)[one.place]
         least = [min(column) for column in zip(*costs_of_paths, strict=True)]
         assert results.least[w].tolist() == least
+
+
+@given(
+    seed=st.integers(0, 2**32),
+    places=st.integers(2, 20),
+    windows=st.integers(2, 8),
+    steps=costs,
+    spacing=st.sampled_from([1, 7, 1_000]),
+)
+@settings(max_examples=60)
+def test_parts_of_windows_with_an_odometer_and_unseen_time_equal_the_oracle(
+    seed, places, windows, steps, spacing
+):
+    """As of matches between the ends of windows; each part goes on from the window before."""
+    rng = np.random.default_rng(seed)
+    along = np.cumsum(rng.integers(1, 2 * spacing + 1, places))
+    seen, typical = rng.integers(-60, 60, places).astype(np.int32), rng.integers(-40, 40, places)
+    transitions = Transitions(places, steps, seen, along, typical, 2)
+    page = drive_map(steps, seen.tolist(), typical.tolist(), 256 * 100, 2, along.tolist())
+    state, mean, most_before = page.begin(), 256 * 100, 0
+    kept, meter = PlaceFilter(transitions, mean).to_arrays(), Odometer(transitions.spacing_mm)
+    per_window = page.filter.per_window
+    for _ in range(windows):
+        shown, step = meter.latest, int(rng.choice([0, 1, 2, 5, 9, 20])) * spacing * per_window // 8
+        for share in np.sort(rng.random(rng.integers(1, 4))):
+            part = PlaceFilter(transitions)
+            part.resume(kept)
+            if halves := int(rng.choice([0, 0, 0, 0, 1, 3])):
+                part.unseen(halves)
+                spread_out = [spread(row, halves * per_window) for row in state.metrics]
+                state, kept = state._replace(metrics=spread_out, support=0, age=0), part.to_arrays()
+            if rng.random() < 0.8:
+                meter.read(shown + round(share * step))
+            travelled, most = meter.travelled_mm, 0
+            if travelled is not None:
+                part.predict_travelled(travelled, meter.driven_mm)
+                most = most_weight(page.along, meter.driven_mm, per_window)
+            distances, count = rng.integers(0, 60, (part.sums, places)), int(rng.choice(EVENTS))
+            match = part.update(distances, count)
+            expected = advance_window(
+                page, state,
+                specification.activity_of(count, 256 * 100 if part.sums > 1 else mean),
+                specification.is_pause(count, mean), distances.tolist(),
+                driven=travelled, most=most, most_before=most_before,
+            )  # fmt: skip
+            hypotheses = len(page.filter.gains)
+            assert part.state.metric[:, :hypotheses].T.tolist() == expected.metrics
+            (told,) = live_matches([expected])
+            assert (match.place, match.trust) == (told.place, told.trust)
+        meter.end_window()
+        kept, state, most_before = part.to_arrays(), expected.advanced.state, most
+        mean = specification.mean_activity_after(mean, count)
 
 
 def readings(travelled):
