@@ -25,7 +25,7 @@ from firmware_model.vectors import formats
 from firmware_model.vectors.case import NONE, Case, in_order, records, to_binary
 from firmware_model.vectors.corners import corner_cases
 from firmware_model.vectors.coverage import ALL, CORNERS, coverage, watched_trace
-from firmware_model.vectors.facts import FILTER_CORNERS
+from firmware_model.vectors.facts import FILTER_CORNERS, OF_SEQUENCES
 from firmware_model.vectors.filter_suite import filter_cases, own_cases
 from firmware_model.vectors.formats import Table
 from firmware_model.vectors.manifest import (
@@ -242,7 +242,7 @@ def standard_suites(design: Design, seed: int, only: str | None = None) -> dict[
 
 #: corners that a suite is made for
 AIMED: Mapping[str, Iterable[str]] = {
-    "corners": CORNERS, "filter": ALL, "own": FILTER_CORNERS,
+    "corners": CORNERS, "filter": ALL, "own": FILTER_CORNERS.keys() | OF_SEQUENCES,
 }  # fmt: skip
 
 
