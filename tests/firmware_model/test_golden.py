@@ -315,7 +315,7 @@ def test_all_forms_of_a_memory_hold_the_same(vectors):
 def test_states_of_a_case_are_those_that_its_matches_come_from(tmp_path, gains):
     """Margin, trust and least metric as in the matches, the rest by the rules of the page."""
     design = replace(DESIGN, matching="filter", length=1, code="contrast", gains=gains)
-    of_kinds = "busy", "clear", "drive", "loud", "numbers", "sums", "times"
+    of_kinds = "busy", "clear", "drive", "loud", "numbers", "quiet", "sums", "times"
     chosen = [case for case in filter_cases(design) if case.name.startswith(of_kinds)]
     write_suites(tmp_path / "v", design, {"filter": chosen}, 0)
     kinds = set()

@@ -878,8 +878,8 @@ def test_it_says_once_that_this_place_or_light_is_not_the_map_s():
     health, said = Health(), []
     watch = MisfitWatch(health, lambda kind, text, over=False: said.append((kind, text, over)))
     for misfit in (-1, 63, 64, 200, 32, 64, 31, 0):
-        watch.look(np.array([0, misfit]))
-    watch.look(np.array([], dtype=np.int64))
+        watch.look([0, misfit])
+    watch.look([])
     assert [(kind, over) for kind, _, over in said] == [("misfit", False), ("misfit", True)]
     assert "not the map's" in said[0][1]
     assert health.misfits == 3
