@@ -305,8 +305,7 @@ def test_an_interrupt_at_any_time_is_not_lost(drive, tmp_path):
         else:  # it was over: the signal came while the process ended, or after that
             assert running.returncode in (0, -signal.SIGINT)
             assert "places at" in shown, (wait_s, running.returncode, said)
-        # a library in C prints an interrupt of its own import before it makes another error of it
-        assert said.count("Traceback") == said.count("\nKeyboardInterrupt\n"), (wait_s, said)
+        assert "Traceback" not in said, (wait_s, said)
 
 
 @pytest.mark.parametrize("closed", ["<&-", ">&-", "2>&-", "<&- >&- 2>&-"])

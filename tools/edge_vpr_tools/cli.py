@@ -257,6 +257,10 @@ def finite_number(text: str) -> float:
 
 
 EXIT_FAILED, EXIT_INTERRUPTED = 1, 130
+#: seconds after which an interrupt is repeated that came where no error is to be raised
+_AGAIN_S = 0.05
+#: modules of Python that import others
+_IMPORTING = "importlib._bootstrap"
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -282,6 +286,10 @@ def main(argv: Sequence[str] | None = None) -> int:
     interrupts: list[int] = []
 
     def interrupt(number: int, frame: FrameType | None) -> None:
+        if frame is not None and frame.f_globals.get("__name__", "").startswith(_IMPORTING):
+            # a library in C may be what imports, and would print the error before it makes another
+            signal.setitimer(signal.ITIMER_REAL, _AGAIN_S)
+            return
         interrupts.append(number)
         raise KeyboardInterrupt
 
@@ -342,7 +350,7 @@ def _interrupt_again(ignored: Any) -> None:
     """
     if issubclass(ignored.exc_type, KeyboardInterrupt):
         # when this function has ended, from which no error is raised either
-        signal.setitimer(signal.ITIMER_REAL, 0.05)
+        signal.setitimer(signal.ITIMER_REAL, _AGAIN_S)
     else:
         sys.__unraisablehook__(ignored)
 
