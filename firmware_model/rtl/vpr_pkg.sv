@@ -5,32 +5,32 @@
 // common form: yosys 0.23 neither reads `import` nor a package that refers to another one, and
 // Icarus Verilog 11 no parameter whose type is a struct of a package.
 package vpr_pkg;
-    // The design
+    // The design: its keys, in their order, and then numbers that they give
 
     localparam int           WIDTH          = 2;      // of the sensor, in pixels
     localparam int           HEIGHT         = 2;
     localparam int           PIXELS         = 1;      // that are selected
-    localparam int           LOOKUP_DEPTH   = 2;      // entries of the pixel look-up
-    localparam int           TIMESTAMP_BITS = 32;
-    localparam bit           BY_TIME        = 1'd1;   // windows of TAU_US; else of WINDOW_EVENTS
+    localparam int           CODE_BITS      = 1;
     localparam logic [63:0]  TAU_US         = 64'd1;
     localparam logic [31:0]  WINDOW_EVENTS  = 32'd1;
-    localparam int           COUNT_MAX      = 1;      // at which a counter saturates
-    localparam int           CODE_BITS      = 1;
-    localparam bit           CONTRAST       = 1'd0;   // contrast codes; else counts
+    localparam int           TIMESTAMP_BITS = 32;
     localparam int           PLACES         = 1;
-    localparam int           LANES          = 1;      // codes that are compared in a clock
     localparam int           LENGTH         = 1;      // windows of a sequence; 1 with the filter
-    localparam bit           FILTER         = 1'd0;   // the place filter; else sequences
     localparam int           GAINS          = 1;      // of the camera, of the filter: 1 or 7
+    localparam logic [6:0]   RESTART        = 7'd0;   // cost
+    localparam int           LANES          = 1;      // codes that are compared in a clock
+    localparam int           EXCLUSION      = 0;      // places on each side of the best's zone
+    localparam logic [8:0]   TRUST          = 9'd0;   // below which a match is not trusted
+    localparam logic [31:0]  LARGEST_SUM    = 32'hFFFFFFFF;  // of a sequence that is accepted
+    localparam int           LOOKUP_DEPTH   = 2;      // entries of the pixel look-up
+    localparam bit           BY_TIME        = 1'd1;   // windows of TAU_US; else of WINDOW_EVENTS
+    localparam int           COUNT_MAX      = 1;      // at which a counter saturates
+    localparam bit           CONTRAST       = 1'd0;   // contrast codes; else counts
+    localparam bit           FILTER         = 1'd0;   // the place filter; else sequences
     localparam int           STEPS          = 5;      // of 0, 1 ... places that have a cost
     // the table of their costs, 19 rows of 7 bits each, see vpr_step_costs
     localparam logic [930:0] STEP_COSTS     = 931'h0;
-    localparam logic [6:0]   RESTART        = 7'd0;   // cost
     localparam int           REACH          = 0;      // places on each side of the best that may be told
-    localparam logic [8:0]   TRUST          = 9'd0;   // below which a match is not trusted
-    localparam int           EXCLUSION      = 0;      // places on each side of the best's zone
-    localparam logic [31:0]  LARGEST_SUM    = 32'hFFFFFFFF;  // of a sequence that is accepted
     // verilator lint_off UNUSEDPARAM
     localparam logic [31:0]  DESIGN_CRC     = 32'h0;  // of the design's file; for vpr_axi_lite
     // verilator lint_on UNUSEDPARAM
