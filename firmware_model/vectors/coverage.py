@@ -75,7 +75,7 @@ CORNERS = {
 }
 
 
-#: facts that take long, and others
+#: facts of filter and contrast codes, and of the bits of any design
 ALL = FILTER_CORNERS | BITS
 
 

@@ -15,6 +15,7 @@ from firmware_model import Design, Memories
 from firmware_model import specification as spec
 from firmware_model import specification_drive as drive
 from firmware_model.design import LEVELS
+from firmware_model.vectors.facts import advanced_by, replaced
 from fixedpoint.activity import BANK_COSTS
 from tests.firmware_model.designs import random_stream, wrapped
 
@@ -101,6 +102,17 @@ def test_a_device_matches_as_a_computer_without_odometry(seed, gains):
     told = [(m.place, m.sum, m.second, m.second_sum, m.ties, m.trust) for m in matches]
     assert len(told) > 30
     assert told == drive.live_matches(windows)
+
+
+@pytest.mark.parametrize("gains", [1, 7])
+@pytest.mark.parametrize("seed", range(4))
+def test_the_filter_that_draws_cases_advances_as_the_specification(seed, gains):
+    memories, events = drawn(seed, gains)
+    expected = spec.trace(memories, events)
+    with replaced("advance", advanced_by):
+        drawn_by = spec.trace(memories, events)
+    assert len(expected.states) > 30
+    assert (drawn_by.matches, drawn_by.states) == (expected.matches, expected.states)
 
 
 def test_only_differences_of_biases_matter():
