@@ -211,16 +211,10 @@ def test_the_cost_of_whole_paths_over_gains_equals_the_oracle(
 ):
     rng = np.random.default_rng(seed)
     along, driven = random_distances(rng, places, windows, spacing)
-    seen, typical = rng.integers(-60, 60, places).astype(np.int32), rng.integers(-40, 40, places)
+    transitions, page = random_map(rng, places, steps, along)
     events, driven = rng.choice(EVENTS, windows), [None, *driven[1:]]
-    place_filter = PlaceFilter(
-        Transitions(places, steps, seen, along, typical, 2), 256 * 100, PATIENCE_SMOOTHED
-    )
+    place_filter = PlaceFilter(transitions, page.mean_activity, PATIENCE_SMOOTHED)
     distances = rng.integers(0, 60, (windows, 3, places))[:, : place_filter.sums]
-    page = drive_map(
-        steps, seen.tolist(), typical.tolist(), 256 * 100, 2,
-        [] if along is None else along.tolist(),
-    )  # fmt: skip
     rows = windows_of(page, distances.tolist(), events.tolist(), driven, patience=PATIENCE_SMOOTHED)
     counted_mm = anchored(driven, spacing_of(page.along)) if page.along else driven
     done = []
@@ -253,10 +247,8 @@ def test_parts_of_windows_with_an_odometer_and_unseen_time_equal_the_oracle(
     """As of matches between the ends of windows; each part goes on from the window before."""
     rng = np.random.default_rng(seed)
     along = np.cumsum(rng.integers(1, 2 * spacing + 1, places))
-    seen, typical = rng.integers(-60, 60, places).astype(np.int32), rng.integers(-40, 40, places)
-    transitions = Transitions(places, steps, seen, along, typical, 2)
-    page = drive_map(steps, seen.tolist(), typical.tolist(), 256 * 100, 2, along.tolist())
-    state, mean, most_before = page.begin(), 256 * 100, 0
+    transitions, page = random_map(rng, places, steps, along)
+    state, mean, most_before = page.begin(), page.mean_activity, 0
     kept, meter = PlaceFilter(transitions, mean).to_arrays(), Odometer(transitions.spacing_mm)
     per_window = page.filter.per_window
     for _ in range(windows):
@@ -278,7 +270,7 @@ def test_parts_of_windows_with_an_odometer_and_unseen_time_equal_the_oracle(
             match = part.update(distances, count)
             expected = advance_window(
                 page, state,
-                specification.activity_of(count, 256 * 100 if part.sums > 1 else mean),
+                specification.activity_of(count, page.mean_activity if part.sums > 1 else mean),
                 specification.is_pause(count, mean), distances.tolist(),
                 driven=travelled, most=most, most_before=most_before,
             )  # fmt: skip
@@ -352,6 +344,16 @@ def random_distances(rng, places, windows, spacing):
         return None, [None] * windows
     travelled = rng.integers(-spacing, 4 * spacing, windows).tolist()
     return along, [mm if rng.random() < 0.7 else None for mm in travelled]
+
+
+def random_map(rng, places, steps, along):
+    """Transitions of a map of 100 events in a window, and what its page says."""
+    seen, typical = rng.integers(-60, 60, places).astype(np.int32), rng.integers(-40, 40, places)
+    page = drive_map(
+        steps, seen.tolist(), typical.tolist(), 256 * 100, 2,
+        [] if along is None else along.tolist(),
+    )  # fmt: skip
+    return Transitions(places, steps, seen, along, typical, 2), page
 
 
 def drive_through(places: int, path: list[int], rng, noise: int = 2) -> np.ndarray:
