@@ -151,13 +151,11 @@ def troubled(seed: int) -> Iterator[Trouble]:
             turned = count_windows(drive, _turned(route.pixel_map, 2), route.settings)
             yield Trouble("the camera is turned by 2 pixels", [replace(pair, counted=turned)])
             events = join_events(list(drive))
-            for fault, sent in (
-                ("the events of 2 s of every 10 are lost", _with_gaps(events)),
-                (
-                    "times of events are off by 20 ms",
-                    _jittered(events, 20_000, np.random.default_rng(seed)),
-                ),
-            ):
+            late = _jittered(events, 20_000, np.random.default_rng(seed))
+            for fault, sent in {
+                "the events of 2 s of every 10 are lost": _with_gaps(events),
+                "times of events are off by 20 ms": late,
+            }.items():
                 source = opened(sent, sensor=drive.sensor)
                 assert isinstance(source, EventSource)
                 truth_of = truth_of_pair(reference, drive)
