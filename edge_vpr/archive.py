@@ -107,11 +107,10 @@ def write_archive(
     meta = {"kind": kind, "version": SCHEMA_VERSION, **meta}
     checksum = checksum_of(meta, arrays)
     header = json.dumps({**meta, "checksum": checksum})
-    same = (other for other in others if _header_of(other).get("checksum") == checksum)
-    first = next(same, None)
     with replacing(path, overwrite) as temporary:
-        if first is not None and link(first, temporary):
-            return
+        for other in others:
+            if _header_of(other).get("checksum") == checksum and link(other, temporary):
+                return
         with temporary.open("wb") as file:
             np.savez_compressed(file, allow_pickle=False, **{_HEADER: np.array(header)}, **arrays)
 

@@ -87,12 +87,10 @@ def match(
     files = (recording, odometry)
     drive = opened(recording, default=reference.camera)
     check_sensor(drive.sensor, reference.pixel_map.sensor)
-    start_us, clock_us = drive.cropped_us, unix_start(drive)
     inputs = tuple(str(each) for each in files if isinstance(each, str | Path))
     if isinstance(drive, Recording) and drive is recording and drive.format != MEMORY:
         inputs = (str(drive.path), *inputs)
-    if odometry is not None:
-        odometry = of_part(drive, odometry_of(odometry))
+    odometry = of_part(drive, odometry_of(odometry))
     if every is None:
         result = _match_windows(matched, drive, odometry)
     elif isinstance(drive, WindowSource):
@@ -105,8 +103,8 @@ def match(
     # the map as it was passed: settings of one run are no part of it
     windows = None if result.windows is None else reference.coded(result.windows)
     return replace(
-        result, reference=reference, inputs=inputs, start_us=start_us, clock_us=clock_us,
-        windows=windows,
+        result, reference=reference, inputs=inputs, start_us=drive.cropped_us,
+        clock_us=unix_start(drive), windows=windows,
     )  # fmt: skip
 
 

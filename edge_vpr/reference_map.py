@@ -152,19 +152,19 @@ class ReferenceMap(EqualByValue):
                 f"the settings say {settings.pixels} pixels and the pixel map has "
                 f"{len(pixel_map)}: expected the same number"
             )
-        counters, number = len(pixel_map), len(places)
+        counters = len(pixel_map)
         check_descriptors(places, counters)
         shape = (pixel_map.sensor.height, pixel_map.sensor.width)
         check_array(self.saliency, "saliency", (np.float32, np.float64), shape)
         if not np.isfinite(self.saliency).all():
             raise MapError("saliency holds values that are not finite: expected variances or means")
         check_array(self.hot, "hot", (np.bool_,), shape)
-        if self.route is not None and len(self.route.along_m) != number:
-            raise MapError(f"position has {len(self.route.along_m)} rows for {number} places")
+        if self.route is not None and len(self.route.along_m) != len(places):
+            raise MapError(f"position has {len(self.route.along_m)} rows for {len(places)} places")
         if self.odometer_mm is not None:
-            check_distance_driven(self.odometer_mm, number)
+            check_distance_driven(self.odometer_mm, len(places))
         self._check_learnt()
-        most, code = settings.most_counted, settings.contrast_code
+        code, most = self.contrast_code, settings.most_counted
         if code is None:
             if most is not None:
                 check_range(places.counts, "counts", 0, most)

@@ -345,19 +345,18 @@ def run_record(
     clock_us : int
         Start of the recording, where its clock counts from 1970; else 0.
     """
-    command, warnings = command_line(), warnings_so_far()
     versions = {"python": platform.python_version()}
     versions |= {name: version(name) for name in ("edge-vpr", "numpy", "numba")}
     return RunRecord(
         schema=1,
-        command=command,
+        command=command_line(),
         finished_utc=datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds"),
         settings=dict(settings),
         versions=versions,
         machine=Machine(platform.platform(), processor_name()),
         inputs=tuple(hash_input(file) for path in inputs for file in _files(Path(path))),
         removed=removed,
-        warnings=warnings or None,
+        warnings=warnings_so_far() or None,
         start_us=start_us or None,
         clock_us=clock_us or None,
     )

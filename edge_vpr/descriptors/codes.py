@@ -119,15 +119,14 @@ def encode(
         Mean of the reference: where the running mean of the windows before each starts, as on a
         robot. By default, the mean is that of the whole drive.
     """
-    counted, coded = replace(counted, counted=counted.counted_events), []
-    paused = None if start is None else find_pauses(counted.counted_events, mean_activity)
-    for windows in SUMS[: len(SUMS) if gains > 1 else 1]:
-        counts = newest(counted.counts, windows)
-        if start is None or paused is None:
-            some = replace(counted, counts=narrow(counts))
-            coded.append(code.encode(some.counts, drive_mean(some, code, mean_activity)))
-        else:
-            coded.append(_encode_running(counts, code, start, paused))
+    counted = replace(counted, counted=counted.counted_events)
+    sums = (newest(counted.counts, n) for n in SUMS[: len(SUMS) if gains > 1 else 1])
+    if start is None:
+        drives = (replace(counted, counts=narrow(counts)) for counts in sums)
+        coded = [code.encode(each.counts, drive_mean(each, code, mean_activity)) for each in drives]
+    else:
+        paused = find_pauses(counted.counted_events, mean_activity)
+        coded = [_encode_running(counts, code, start, paused) for counts in sums]
     return replace(
         counted,
         counts=coded[0],

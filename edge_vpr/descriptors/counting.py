@@ -286,16 +286,16 @@ class DescriptorStream:
     def __init__(self, pixel_map: PixelMap, window: Window) -> None:
         expect(pixel_map, PixelMap, "pixel_map", "a PixelMap, as of select_pixels or of a map")
         expect(window, (FixedTime, FixedCount), "window", "FixedTime(tau_us) or FixedCount(events)")
-        self._window = window
-        self._unseen_time = UnseenTime(window)
-        self._unseen: list[tuple[int, int]] = []  # known and not taken yet: time, halves
         self._table = pixel_map.table()
+        self._window = window
         # if every pixel is its own slot, the counters are an image and no table is needed
         dense = pixel_map == PixelMap.all_of(pixel_map.sensor)
         self._image_shape = self._table.shape if dense else None
         self._counts = np.zeros(len(pixel_map), dtype=np.int64)
         self._counted = 0  # events still missing in a fixed-count window
         self._events = 0  # events of the open window at any pixel
+        self._unseen_time = UnseenTime(window)
+        self._unseen: list[tuple[int, int]] = []  # known and not taken yet: time, halves
         self._start = 0
         self.last_us = 0
 

@@ -316,7 +316,7 @@ def activity_of(events: int, mean_activity: int) -> int:
 
 def log_of_mean(mean_activity: int) -> int:
     """Return the logarithm of a mean number of events, in 1/16 octave."""
-    return int(_log_activity(mean_activity >> ACTIVITY_FRACTION_BITS))
+    return int(plain(log_activity)(mean_activity >> ACTIVITY_FRACTION_BITS))
 
 
 def place_activity(
@@ -409,13 +409,10 @@ def find_pauses(events: npt.NDArray[np.integer], mean_activity: int) -> npt.NDAr
     -------
     ndarray of bool, shape (n,)
     """
+    # without the compiler, which takes longer than the windows of a drive
+    pauses, mean_after = plain(is_pause), plain(mean_activity_after)
     paused = np.zeros(len(events), dtype=np.bool_)
     for i, count in enumerate(events.tolist()):
-        paused[i] = _is_pause(count, mean_activity)
-        mean_activity = _mean_activity_after(mean_activity, count)
+        paused[i] = pauses(count, mean_activity)
+        mean_activity = mean_after(mean_activity, count)
     return paused
-
-
-# without a compiler, which takes longer than the windows of a drive
-_log_activity, _is_pause = plain(log_activity), plain(is_pause)
-_mean_activity_after = plain(mean_activity_after)

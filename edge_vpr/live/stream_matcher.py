@@ -143,11 +143,12 @@ class StreamMatcher:
         reference: ReferenceMap | None = None,
         every: MatchSchedule | None = None,
     ) -> None:
-        self.decoder, self._losses = decoder, LossWatch(decoder.health)
+        self.decoder = decoder
         self.localiser: Localiser | None = None
         self._bursts: BurstFilter | None = None
         if reference is not None and reference.settings.remove_bursts:
             self._bursts = BurstFilter(reference.pixel_map.sensor)
+        self._losses = LossWatch(decoder.health)
         self._time = 0  # time that the localiser has reached
         self._dropped = False  # whether the host dropped bytes since the newest event
         self._away = False  # whether the link was lost, or the program, since then

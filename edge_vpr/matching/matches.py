@@ -239,7 +239,10 @@ TABLE = (
     "misfit", "probability", "lost",
 )  # fmt: skip
 #: Columns that are fields of a `Match`.
-_SHARED = (*TABLE[2:], "ties")
+_SHARED = (
+    "place", "distance", "second", "second_distance", "ratio", "ties", "trust", "misfit",
+    "probability", "lost",
+)  # fmt: skip
 
 
 # The table of matches as CSV.

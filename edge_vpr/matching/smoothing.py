@@ -114,8 +114,7 @@ class BackwardPass:
                 least = self._next_cost_to_go[:, : table.gains.size].min(axis=1).astype(np.int32)
                 moved = self._transitions.by_distance(least, distance, back=True)
                 self._cost_to_go[:] = (moved - moved.min())[:, None]
-            if unseen[first]:
-                self._transitions.spread(self._cost_to_go, unseen[first], back=True)
+            self._transitions.spread(self._cost_to_go, unseen[first], back=True)
 
 
 def runs(

@@ -112,10 +112,10 @@ class Localiser:
         self.every = MatchSchedule.parse(every, settings, "event")
         self._reference = reference
         self._window, length = window_of(settings), settings.windows_per_match
-        self.unseen_time = UnseenTime(self._window)
         reference.check()
         self.places = reference.places.counts
         check_extent(len(self.places), self.places.shape[1], length, self._window)
+        self.unseen_time = UnseenTime(self._window)
         self._filter: PlaceFilter | None = None
         self.odometer, self.odometer_check = Odometer(), OdometerCheck()
         self._code, self.means = reference.contrast_code, list[RunningMean]()

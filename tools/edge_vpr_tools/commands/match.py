@@ -103,6 +103,7 @@ def run(args: argparse.Namespace) -> None:
     output = Path(args.output)
     inputs = list(filter(None, (args.map, args.recording, args.odometry)))
     results.check_output_folder(output, args.overwrite, inputs)
+    formats = figure_formats(args.figures)
     matrix = None if args.matrix is None else Path(args.matrix)
     if matrix is not None:
         _check_matrix(matrix, inputs, args)
@@ -118,7 +119,6 @@ def run(args: argparse.Namespace) -> None:
     for path in args.export or ():
         check_track_file(path, reference)
         check_new_file(Path(path), inputs, args.overwrite)
-    formats = figure_formats(args.figures)
     with_flags = with_match_flags(args, reference, online=args.online)
     if args.every is not None and not args.online:
         raise UsageError("--every says when to match online: add --online, or leave it out")
