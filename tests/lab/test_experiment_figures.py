@@ -12,12 +12,12 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from edge_vpr_tools.report.figures import precision_recall, reliability_diagram
-from edge_vpr_tools.report.tables import SEED
 from lab import drives, plots
 from lab import nulls as nulls_module
 from lab.__main__ import main
 from lab.experiments import EXPERIMENTS, calibration, places_per_window, simulated, speck_walks
 from lab.loop import DRIVES, open_experiment
+from lab.tables import SEED
 from lab.variants import Variant, variants_experiment
 
 from edge_vpr.confidence import DEFAULT_TABLES, LIVE, LIVE_ON_MAP, SMOOTHED, TABLES

@@ -14,9 +14,9 @@ from pathlib import Path
 
 import pytest
 from edge_vpr_tools.profile import meter_trace
-from edge_vpr_tools.report.tables import read_rows
 from edge_vpr_tools.sweep.plan import read_plan
 from lab.baselines.networks import read_state_dict
+from lab.tables import read_rows
 
 from edge_vpr import files as whole_files
 from edge_vpr.descriptors.cleaning import load_hot_pixels

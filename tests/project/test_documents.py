@@ -17,8 +17,8 @@ from typing import Any
 import numpy as np
 import pytest
 from edge_vpr_tools.cli import VerbParser, find_verb, main
-from edge_vpr_tools.report.tables import with_tables
 from lab.__main__ import parser
+from lab.tables import with_tables
 
 from edge_vpr.events import Sensor
 from edge_vpr.live.protocols import Health

@@ -16,13 +16,14 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from edge_vpr_tools.report.spreadsheets import write_spreadsheet
 from edge_vpr_tools.report.style import save
-from edge_vpr_tools.report.tables import SEED, TableView, table_of, write_spreadsheet
 from edge_vpr_tools.workers import error_text, mapped, trial_line
 from matplotlib.figure import Figure
 
 from edge_vpr.errors import EdgeVprError, UsageError
 from edge_vpr.results import json_text
+from lab.tables import SEED, TableView, table_of
 
 #: what a row is named by, and what was measured
 Row = Mapping[str, Any]

@@ -4,15 +4,15 @@ python tools/site/tables.py. A page names a table by a line, behind which the ta
 
 <!-- table: results/rivals.csv drives = Brisbane; columns = method, P@100R -->
 
-`edge_vpr_tools/report/tables.py` says how rows are chosen and trials joined; a test compares the
-pages with the files.
+`tools/lab/tables.py` says how rows are chosen and trials joined; a test compares the pages with
+the files.
 """
 
 from __future__ import annotations
 
 from pathlib import Path
 
-from edge_vpr_tools.report.tables import with_tables
+from lab.tables import with_tables
 
 ROOT = Path(__file__).parents[2]
 DOCS = ROOT / "docs"

@@ -24,8 +24,8 @@ from edge_vpr_tools.profile.profiling import (
 from edge_vpr_tools.profile.sensors.sensor import About
 from edge_vpr_tools.profile.workload import PACKET
 from edge_vpr_tools.report.page import Page, add_run, quantity
+from edge_vpr_tools.report.spreadsheets import write_spreadsheet
 from edge_vpr_tools.report.style import BLUE, ORANGE, SKY, figure, save
-from edge_vpr_tools.report.tables import write_spreadsheet
 
 # Text of a profile, with units: rows of its tables, and notes.
 

@@ -31,8 +31,8 @@ from edge_vpr_tools.report.figures import (
     windows_side_by_side,
 )
 from edge_vpr_tools.report.page import MISSED, Page, add_run
+from edge_vpr_tools.report.spreadsheets import write_spreadsheet
 from edge_vpr_tools.report.style import along_route, save
-from edge_vpr_tools.report.tables import write_spreadsheet
 from edge_vpr_tools.report.verdict import Outcome
 
 #: file with the points of the precision-recall curve

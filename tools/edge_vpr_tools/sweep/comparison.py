@@ -15,8 +15,8 @@ from matplotlib.figure import Figure
 
 from edge_vpr.results import RUN, run_record, write_json
 from edge_vpr_tools.console import table
+from edge_vpr_tools.report.spreadsheets import write_spreadsheet
 from edge_vpr_tools.report.style import CYCLE, figure, name_label, save
-from edge_vpr_tools.report.tables import write_spreadsheet
 from edge_vpr_tools.sweep import MEASURES, SHARES
 from edge_vpr_tools.sweep.table import SETTINGS, Line, read_lines
 

@@ -14,7 +14,7 @@ import edge_vpr
 from edge_vpr.errors import UsageError
 from edge_vpr.files import open_input
 from edge_vpr.settings import SETTING_FIELDS, setting_words
-from edge_vpr_tools.report.tables import spreadsheet_cell, write_spreadsheet
+from edge_vpr_tools.report.spreadsheets import spreadsheet_cell, write_spreadsheet
 from edge_vpr_tools.sweep import MEASURES
 from edge_vpr_tools.sweep.plan import Trial
 from edge_vpr_tools.sweep.trial import Measured

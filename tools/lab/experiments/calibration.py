@@ -22,7 +22,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-from edge_vpr_tools.report.tables import TableView
 
 from edge_vpr import __version__
 from edge_vpr.confidence import (
@@ -48,6 +47,7 @@ from lab.drives import STREETS, Second, second_drive
 from lab.loop import Draw, Drives, Experiment, Row
 from lab.nulls import null_queries
 from lab.pairs import MappedPair, truth_of_tracks
+from lab.tables import TableView
 
 # Drives that leave the map: pieces cut out of a map, a jump, and windows of another street.
 

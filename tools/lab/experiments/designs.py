@@ -7,12 +7,11 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from edge_vpr_tools.report.tables import TableView
-
 from edge_vpr.settings import PRESETS
 from lab.drives import simulated_pair
 from lab.loop import Draw, Drives, Experiment, Row
 from lab.pairs import SIMULATED, Pair
+from lab.tables import TableView
 
 PIXELS = (10, 25, 50, 75, 100, 150, 250, 400)
 BITS = (1, 2, 3, 4)

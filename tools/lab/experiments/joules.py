@@ -15,10 +15,10 @@ from typing import NamedTuple
 from edge_vpr_tools.estimate.model import Mission, sizes
 from edge_vpr_tools.estimate.search import Limits, on_target
 from edge_vpr_tools.estimate.targets import find, names
-from edge_vpr_tools.report.tables import TableView
 
 from firmware_model.design import Design
 from lab.loop import Draw, Drives, Experiment, Row
+from lab.tables import TableView
 
 PLACES = 1_000
 EVENTS_PER_S = (10_000, 100_000, 1_000_000)

@@ -14,7 +14,6 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from edge_vpr_tools.report.tables import TableView
 
 from edge_vpr.odometry import Odometry
 from edge_vpr.reference_map import ReferenceMap
@@ -40,6 +39,7 @@ from lab.pairs import (
     rates,
     truth_of_pair,
 )
+from lab.tables import TableView
 
 # Settings that the place filter is compared by.
 

@@ -14,7 +14,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from edge_vpr_tools.report.tables import TableView
 
 from edge_vpr.descriptors.counting import count_windows
 from edge_vpr.evaluation.calibration import reliability
@@ -30,6 +29,7 @@ from lab.experiments.calibration import carried_off, without_places
 from lab.loop import Draw, Drives, Experiment, Row
 from lab.nulls import null_queries
 from lab.pairs import MappedPair, Pair, truths_of_tracks
+from lab.tables import TableView
 
 LENGTH_M, TOLERANCES_M = 450.0, (10.0, 20.0)
 FIRST_SEED = 70

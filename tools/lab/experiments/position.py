@@ -16,7 +16,6 @@ from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-from edge_vpr_tools.report.tables import TableView
 
 from edge_vpr.descriptors.counting import WindowSource, cleaned
 from edge_vpr.evaluation.tracks import Track, distances, with_positions
@@ -28,6 +27,7 @@ from lab.drives import STREETS, second_drive
 from lab.experiments.trust import drives as recorded
 from lab.loop import Draw, Drives, Experiment, Row
 from lab.pairs import Pair
+from lab.tables import TableView
 
 LENGTH_M = 600.0
 FIRST_SEED = 300

@@ -17,7 +17,6 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 from edge_vpr_tools.console import warning
-from edge_vpr_tools.report.tables import TableView
 from edge_vpr_tools.sweep.trial import fastest
 from matplotlib.figure import Figure
 
@@ -41,6 +40,7 @@ from lab.nulls import (
 )
 from lab.pairs import INNER, CountedPair, inner_share, rates
 from lab.plots import dots
+from lab.tables import TableView
 
 # How a matrix of distances becomes matches.
 

@@ -15,7 +15,6 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 from edge_vpr_tools.commands.map import fitting_window
-from edge_vpr_tools.report.tables import TableView
 
 from edge_vpr.descriptors.counting import count_windows, opened
 from edge_vpr.descriptors.pixels import PixelMap
@@ -32,6 +31,7 @@ from lab.drives import STREETS, second_drive
 from lab.experiments.calibration import first_matches
 from lab.loop import Draw, Drives, Experiment, Row
 from lab.pairs import MappedPair, rates, truth_of_pair
+from lab.tables import TableView
 
 FIRST_SEED = 10
 PRECISION = 0.99

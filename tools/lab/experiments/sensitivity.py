@@ -15,7 +15,6 @@ from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
-from edge_vpr_tools.report.tables import TableView
 from matplotlib.figure import Figure
 
 from edge_vpr.matching.distances import ReferenceIndex
@@ -35,6 +34,7 @@ from lab.loop import (
 from lab.nulls import BY_US, null_queries
 from lab.pairs import MappedPair
 from lab.plots import lines
+from lab.tables import TableView
 
 # A filter with other constants.
 

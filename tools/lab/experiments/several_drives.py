@@ -16,7 +16,6 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-from edge_vpr_tools.report.tables import TableView
 
 from edge_vpr.descriptors.counting import WindowSource, count_places
 from edge_vpr.descriptors.published import PublishedWindows
@@ -35,6 +34,7 @@ from lab.drives import (
 )
 from lab.loop import Draw, Drives, Experiment, Row
 from lab.pairs import TOLERANCE_M, MappedPair, truth_of_tracks
+from lab.tables import TableView
 
 LENGTH_M = 450.0
 FIRST_SEED = 80

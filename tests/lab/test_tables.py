@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import pytest
-from edge_vpr_tools.report.tables import TableView, mean_and_deviation, table_of, with_tables
+from lab.tables import TableView, mean_and_deviation, table_of, with_tables
 
 from edge_vpr.errors import UsageError
 

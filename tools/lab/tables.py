@@ -1,4 +1,4 @@
-"""Tables of results: CSV files, and the Markdown tables of pages from them.
+"""Markdown tables of pages, from the CSV files of results.
 
 In a file with a row per trial, the columns before ``seed`` name what was tried, those after it were
 measured. Trials that differ in their seed alone are one row of a page, with the mean and the sample
@@ -9,15 +9,15 @@ from __future__ import annotations
 
 import csv
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from io import TextIOWrapper
 from pathlib import Path
 
 import numpy as np
 
-from edge_vpr.errors import UsageError, did_you_mean, printable
-from edge_vpr.files import open_input, replacing
+from edge_vpr.errors import UsageError, did_you_mean
+from edge_vpr.files import open_input
 
 SEED = "seed"
 #: cell of a page where nothing was measured
@@ -186,32 +186,3 @@ def markdown_table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
     """Format a table as Markdown."""
     lines = [header, ["---"] * len(header), *rows]
     return "\n".join(f"| {' | '.join(line)} |" for line in lines)
-
-
-#: a spreadsheet takes a cell that begins like this as a formula, which can run programs
-_OF_FORMULAS = ("=", "+", "-", "@")
-
-
-def write_spreadsheet(
-    path: Path, header: Sequence[str], lines: Iterable[Sequence[str | float | None]]
-) -> None:
-    """Write a CSV file, atomically.
-
-    Parameters
-    ----------
-    lines : iterable of sequence of str, float or None
-        None is an empty cell, which was not measured. Text that a spreadsheet would compute has an
-        apostrophe before it.
-    """
-    with replacing(path) as temporary, temporary.open("w", newline="", encoding="utf-8") as file:
-        writer = csv.writer(file)
-        writer.writerow(map(spreadsheet_cell, header))
-        writer.writerows(map(spreadsheet_cell, line) for line in lines)
-
-
-def spreadsheet_cell(value: str | float | None) -> str | float:
-    """Return the cell of a spreadsheet, see `write_spreadsheet`."""
-    if not isinstance(value, str):
-        return "" if value is None else value
-    text = printable(value)
-    return f"'{text}" if text.startswith(_OF_FORMULAS) else text
