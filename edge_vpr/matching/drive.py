@@ -3,29 +3,45 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
+from edge_vpr.compiling import kernel
 from edge_vpr.confidence import Acceptance, Confidence
 from edge_vpr.descriptors.windows import Descriptors
 from edge_vpr.errors import MapError, UsageError, expect
 from edge_vpr.matching.distances import BLOCK_DISTANCES, ReferenceIndex
 from edge_vpr.matching.match import MATCH_DTYPE
 from edge_vpr.matching.matches import CANDIDATES, Matches
-from edge_vpr.matching.place_filter import PlaceFilter, WindowRows
-from edge_vpr.matching.prediction import Metrics, Travelled, odometry_of_sequences
+from edge_vpr.matching.place_filter import PlaceFilter, WindowRows, best
+from edge_vpr.matching.prediction import (
+    LANES,
+    UNUSED,
+    FilterTable,
+    Narrow,
+    Transitions,
+    Travelled,
+    change_gains,
+    move_on,
+    odometry_of_sequences,
+    subtract_least,
+)
 from edge_vpr.matching.search import nearest_places
 from edge_vpr.matching.sequences import match_by_sequences, sequence_distances
-from edge_vpr.matching.smoothing import BackwardPass, runs
-from edge_vpr.matching.trust import smoothed_misfit, smoothed_trust
+from edge_vpr.matching.trust import (
+    TRUST_FRACTION_BITS,
+    smoothed_misfit,
+    smoothed_trust,
+    window_misfit,
+)
 from edge_vpr.odometry import Odometry
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.settings import Settings
 
-# The place filter over a recorded drive: immediately, or by the whole drive.
+# The place filter over a recorded drive.
 
 
 #: number of metrics, and of evidence values, in memory at a time while a drive is smoothed
@@ -57,13 +73,13 @@ class FilteredDrive(NamedTuple):
         rows = np.empty(windows, dtype=MATCH_DTYPE)
         return cls(rows, np.empty((windows, CANDIDATES), dtype=np.int64), metrics)
 
-    def put(self, first: int, rows: npt.NDArray[np.void], metrics: Metrics) -> None:
-        """Store the matches of some windows, with the metrics of all places, shape (n, K)."""
-        last = first + len(rows)
-        self.rows[first:last] = rows
-        self.candidates[first:last] = nearest_places(metrics.T)
+    def put(self, first: int, rows: WindowRows) -> None:
+        """Store the results of the windows from `first` on."""
+        last = first + len(rows.matches)
+        self.rows[first:last] = rows.matches
+        self.candidates[first:last] = nearest_places(rows.least.T)
         if self.metrics is not None:
-            self.metrics[:, first:last] = metrics.T
+            self.metrics[:, first:last] = rows.least.T
 
 
 def filter_drive(
@@ -124,8 +140,8 @@ def filter_drive(
     if smooth:
         _smooth(drive, filtered)
         return filtered
-    for first, _, rows in drive.advance(0, n):
-        filtered.put(first, rows.matches, rows.least)
+    for first in range(0, n, drive.block):
+        filtered.put(first, drive.advance(first, min(first + drive.block, n)))
     return filtered
 
 
@@ -155,27 +171,20 @@ class _Drive(NamedTuple):
         """Number of windows in memory at a time."""
         return max(1, BLOCK_DISTANCES // self.reference.places)
 
-    def advance(
-        self, begin: int, end: int, rows: WindowRows | None = None
-    ) -> Iterator[tuple[int, int, WindowRows]]:
-        """Advance from window `begin` to before `end`; yield a few windows at a time.
-
-        Parameters
-        ----------
-        rows : WindowRows, optional
-            Of all these windows, to write the results to.
-        """
-        events = self.queries.counted_events
+    def advance(self, begin: int, end: int) -> WindowRows:
+        """Advance from window `begin` to before `end`, and return the results."""
+        events, place_filter = self.queries.counted_events, self.place_filter
+        rows = WindowRows.empty(end - begin, place_filter.sums, self.reference.places)
         for i, j in runs(self.travelled[begin:end], self.unseen[begin:end], self.block):
             first, last = begin + i, begin + j
             if self.unseen[first]:
-                self.place_filter.unseen(self.unseen[first])
+                place_filter.unseen(self.unseen[first])
             distance = self.travelled[first]
             if distance is not None:
-                self.place_filter.predict_travelled(distance, self.driven[first])
+                place_filter.predict_travelled(distance, self.driven[first])
             distances = self._distances(first, last)
-            into = None if rows is None else rows.part(i, j)
-            yield first, last, self.place_filter.update_windows(distances, events[first:last], into)
+            place_filter.update_windows(distances, events[first:last], rows.part(i, j))
+        return rows
 
     def _distances(self, first: int, last: int) -> npt.NDArray[np.integer]:
         """Return the distances of the sums of windows to all places, shape (n, sums, K)."""
@@ -184,6 +193,40 @@ class _Drive(NamedTuple):
             assert self.queries.summed is not None
             of_sums += [self.queries.summed[first:last, i] for i in range(2)]
         return np.stack([self.reference.rows(codes) for codes in of_sums], axis=1)
+
+
+def runs(
+    travelled: Sequence[Travelled], unseen: Sequence[int], most: int
+) -> Iterator[tuple[int, int]]:
+    """Yield the start and end of runs of windows.
+
+    Only the first window of each may have a known distance, or unseen time.
+
+    Parameters
+    ----------
+    most : int
+        Largest number of windows in a run.
+    """
+    begin = 0
+    while begin < len(travelled):
+        end = begin + 1
+        while (
+            end < len(travelled)
+            and end - begin < most
+            and travelled[end] is None
+            and not unseen[end]
+        ):
+            end += 1
+        yield begin, end
+        begin = end
+
+
+# Smoothing: matching of each window of a drive by the later windows too.
+#
+# The metric of a place and gain is the cost of the cheapest path that ends there. The filter run
+# backwards gives the cost to go: that of the cheapest path from there to the end of the drive.
+# Their sum is the cost of the best path of the whole drive through this place, the min-plus form of
+# forward-backward smoothing.
 
 
 def _smooth(drive: _Drive, filtered: FilteredDrive) -> None:
@@ -198,28 +241,25 @@ def _smooth(drive: _Drive, filtered: FilteredDrive) -> None:
     states = []
     for begin in begins[:-1]:
         states.append(place_filter.to_arrays())
-        for _ in drive.advance(begin, begin + length):
-            pass
-    cost_to_go = BackwardPass(place_filter.transitions)
-    best, residual = np.empty(n, dtype=np.int64), np.empty(n, dtype=np.int64)
+        drive.advance(begin, begin + length)
+    cost_to_go = np.zeros((drive.reference.places, LANES), dtype=np.int16)
+    place, residual = np.empty(n, dtype=np.int64), np.empty(n, dtype=np.int64)
     informative = np.empty(n, dtype=np.bool_)
     for begin in reversed(begins):
         if begin != begins[-1]:
             place_filter.resume(states.pop())
         end = min(begin + length, n)
-        rows = WindowRows.empty(end - begin, place_filter.sums, drive.reference.places)
-        for _ in drive.advance(begin, end, rows):
-            pass
-        cost_to_go.add_to(
-            rows, drive.travelled[begin:end], drive.unseen[begin:end], residual[begin:end]
-        )
-        best[begin:end], informative[begin:end] = rows.best[:, 0], rows.factor[:, 0] > 0
+        rows = drive.advance(begin, end)
+        add_cost_to_go(
+            cost_to_go, place_filter.transitions, rows, drive.travelled[begin:end],
+            drive.unseen[begin:end], residual[begin:end],
+        )  # fmt: skip
+        place[begin:end], informative[begin:end] = rows.best[:, 0], rows.factor[:, 0] > 0
         for first in range(0, end - begin, drive.block):
-            some = rows.part(first, min(first + drive.block, end - begin))
-            filtered.put(begin + first, some.matches, some.least)
-        del rows, some  # or two segments would be in memory while the next one is computed
+            filtered.put(begin + first, rows.part(first, min(first + drive.block, end - begin)))
+        del rows  # or two segments would be in memory while the next one is computed
     filtered.rows["trust"] = smoothed_trust(
-        best,
+        place,
         filtered.rows["trust"],
         residual,
         drive.travelled,
@@ -228,6 +268,84 @@ def _smooth(drive: _Drive, filtered: FilteredDrive) -> None:
         place_filter.transitions,
     )
     filtered.rows["misfit"] = smoothed_misfit(filtered.rows["misfit"], informative)
+
+
+def add_cost_to_go(
+    cost_to_go: Narrow,
+    transitions: Transitions,
+    rows: WindowRows,
+    travelled: Sequence[Travelled],
+    unseen: Sequence[int],
+    residual: npt.NDArray[np.int64],
+) -> None:
+    """Add the cost to go to the metrics of n windows, backwards over gaps and driven distances.
+
+    Parameters
+    ----------
+    cost_to_go, rows, residual
+        See `smooth_windows`, which updates them.
+    travelled : sequence of int or None
+        Driven distance of each window.
+    unseen : sequence of int
+        See `Descriptors`.
+    """
+    table, next_cost_to_go = transitions.table, np.empty_like(cost_to_go)
+    for first, last in reversed(list(runs(travelled, unseen, len(travelled)))):
+        smooth_windows(
+            cost_to_go, next_cost_to_go, table, rows.part(first, last), residual[first:last]
+        )
+        distance = travelled[first]
+        if distance is not None:  # every gain leads to every gain
+            least = next_cost_to_go[:, : table.gains.size].min(axis=1).astype(np.int32)
+            moved = transitions.by_distance(least, distance, back=True)
+            cost_to_go[:] = (moved - moved.min())[:, None]
+        transitions.spread(cost_to_go, unseen[first], back=True)
+
+
+@kernel
+def smooth_windows(
+    cost_to_go: Narrow,
+    next_cost_to_go: Narrow,
+    table: FilterTable,
+    rows: WindowRows,
+    residual: npt.NDArray[np.int64],
+) -> None:
+    """Add the cost to go to the metrics of n windows, backwards from the last window.
+
+    Parameters
+    ----------
+    cost_to_go : ndarray of int16, shape (K, LANES)
+        Cost of the rest of the drive from each place and gain after the last of these windows;
+        updated in place to that before the first.
+    next_cost_to_go : ndarray of int16, shape (K, LANES)
+        Scratch; after the call, the cost to go after the first window plus the evidence of the
+        first window.
+    rows : WindowRows
+        Updated in place: `least` becomes the least cost of the whole paths through each place, and
+        `matches` and `best` the matches by it, with the margin as trust, in units of 1/16 of a
+        metric, and `window_misfit` as misfit. `factor` becomes that of the matched hypothesis in
+        its first column.
+    residual : ndarray of int64, shape (n,)
+        Output: the evidence against each best place.
+    """
+    hypotheses = table.gains.size
+    for i in range(len(rows.matches) - 1, -1, -1):
+        row, sums, metric = rows.matches[i], rows.sums[i], rows.metrics[i]
+        whole, to_go = metric.reshape(metric.size), cost_to_go.reshape(metric.size)
+        for j in range(whole.size):
+            whole[j] += to_go[j]
+        place, gain, margin = best(metric, table, rows.least[i], row)
+        against, factor = rows.evidence[i, sums[gain]], rows.factor[i, sums[gain]]
+        rows.best[i, 0], rows.best[i, 1], rows.factor[i, 0] = place, gain, factor
+        residual[i], row["trust"] = against[place], margin << TRUST_FRACTION_BITS
+        row["misfit"] = window_misfit(against, place, table.typical, factor, rows.share[i])
+        for h in range(LANES):
+            for k in range(len(metric)):
+                behind = np.int16(cost_to_go[k, h] + rows.evidence[i, sums[h], k])
+                next_cost_to_go[k, h] = behind if h < hypotheses else UNUSED
+        move_on(next_cost_to_go, table, rows.activity[i], np.bool_(True), cost_to_go)
+        subtract_least(cost_to_go)
+        change_gains(cost_to_go, hypotheses)
 
 
 # Matching of all query windows of a recorded drive, by sequences or by the place filter.

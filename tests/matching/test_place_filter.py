@@ -20,10 +20,9 @@ from edge_vpr.descriptors.windows import (
 )
 from edge_vpr.errors import MapError, UsageError
 from edge_vpr.matching import drive as filtered_drive
-from edge_vpr.matching.drive import match_descriptors
+from edge_vpr.matching.drive import add_cost_to_go, match_descriptors
 from edge_vpr.matching.place_filter import PATIENCE, PlaceFilter, WindowRows
-from edge_vpr.matching.prediction import TransitionCosts, Transitions
-from edge_vpr.matching.smoothing import BackwardPass
+from edge_vpr.matching.prediction import LANES, TransitionCosts, Transitions
 from edge_vpr.matching.trust import held_trust
 from edge_vpr.odometry import MOST_MM, Odometer, Odometry
 from edge_vpr.settings import PRESETS, Settings
@@ -224,7 +223,8 @@ def test_the_cost_of_whole_paths_over_gains_equals_the_oracle(
         done.append(place_filter.update_windows(row[None], events[w : w + 1].astype(np.int64)))
     results = WindowRows(*(np.concatenate(column) for column in zip(*done, strict=True)))
     residual = np.empty(windows, dtype=np.int64)
-    BackwardPass(place_filter.transitions).add_to(results, counted_mm, [0] * windows, residual)
+    to_go = np.zeros((places, LANES), dtype=np.int16)
+    add_cost_to_go(to_go, transitions, results, counted_mm, [0] * windows, residual)
     for w, (one, costs_of_paths) in enumerate(smoothed(page, rows)):
         assert results.best[w].tolist() == [one.place, one.gain]
         assert results.matches["place"][w] == one.told
