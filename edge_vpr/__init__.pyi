@@ -1,7 +1,6 @@
 from .descriptors.cleaning import BurstFilter as BurstFilter
 from .descriptors.cleaning import find_hot_pixels as find_hot_pixels
 from .descriptors.cleaning import load_hot_pixels as load_hot_pixels
-from .descriptors.counting import AnyRecording as AnyRecording
 from .descriptors.counting import CountPixels as CountPixels
 from .descriptors.counting import DescriptorStream as DescriptorStream
 from .descriptors.counting import count_events as count_events
@@ -11,6 +10,7 @@ from .descriptors.published import PublishedWindows as PublishedWindows
 from .descriptors.windows import Descriptors as Descriptors
 from .descriptors.windows import FixedCount as FixedCount
 from .descriptors.windows import FixedTime as FixedTime
+from .drive_inputs import AnyRecording as AnyRecording
 from .errors import EdgeVprError as EdgeVprError
 from .errors import EdgeVprWarning as EdgeVprWarning
 from .errors import UsageError as UsageError

@@ -9,7 +9,7 @@ import warnings
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, TypeVar, cast
+from typing import Any, cast
 
 import numpy as np
 import numpy.typing as npt
@@ -18,21 +18,14 @@ from edge_vpr.archive import archive_kind
 from edge_vpr.descriptors.cleaning import can_be_searched, find_hot_pixels, load_hot_pixels
 from edge_vpr.descriptors.codes import counted_events, drive_mean, limits_of, saturated
 from edge_vpr.descriptors.counting import (
-    AnyRecording,
     DescriptorStream,
     Removed,
-    WindowSource,
-    check_counted,
     check_parts,
-    check_reading,
     check_sensor,
-    check_windows_only,
     count_places,
     count_windows,
     event_windows,
-    opened,
     too_short,
-    unix_start,
 )
 from edge_vpr.descriptors.pixels import (
     PixelMap,
@@ -43,20 +36,28 @@ from edge_vpr.descriptors.pixels import (
     shortlist,
     too_few_pixels,
 )
+from edge_vpr.descriptors.published import WindowSource, check_counted, check_windows_only
 from edge_vpr.descriptors.windows import (
     Descriptors,
     FixedTime,
     activity_of_drive,
     overlapping,
 )
+from edge_vpr.drive_inputs import (
+    AnyRecording,
+    check_reading,
+    odometry_of,
+    of_part,
+    opened,
+    track_of,
+    unix_start,
+)
 from edge_vpr.errors import EdgeVprWarning, MapError, UsageError, expect
-from edge_vpr.evaluation.tables import TableData, load_odometry
-from edge_vpr.evaluation.track_files import AnyTrack, load_track
-from edge_vpr.evaluation.tracks import Track, with_positions
+from edge_vpr.evaluation.tables import AnyOdometry
+from edge_vpr.evaluation.track_files import AnyTrack
+from edge_vpr.evaluation.tracks import with_positions
 from edge_vpr.events import Sensor, SensorSize
 from edge_vpr.learning import MapUpdate, learn_drive
-from edge_vpr.odometry import Odometry
-from edge_vpr.recordings.memory import column_names
 from edge_vpr.recordings.reading import EventSource
 from edge_vpr.reference_map import KIND, ReferenceMap
 from edge_vpr.settings import Preset, Settings, resolve_settings
@@ -73,7 +74,7 @@ def build(
     pixel_map: PixelMap | str | Path | None,
     hot: npt.NDArray[np.bool_] | str | Path | None,
     track: AnyTrack | None,
-    odometry: Odometry | TableData | str | Path | None,
+    odometry: AnyOdometry | None,
     removed: Removed | None,
 ) -> ReferenceMap:
     """Make a map of one drive, see `ReferenceMap.build`."""
@@ -118,13 +119,12 @@ def update(
     recording: AnyRecording,
     *,
     track: AnyTrack | None,
-    odometry: Odometry | TableData | str | Path | None,
+    odometry: AnyOdometry | None,
     same_route: bool,
     removed: Removed | None,
 ) -> MapUpdate:
     """Update a map with another drive, see `ReferenceMap.update`."""
     drive = opened(recording, default=reference.camera)
-    check_sensor(drive.sensor, reference.pixel_map.sensor)
     counted = count_places(drive, reference.pixel_map, reference.settings, removed)
     return learn_drive(
         reference,
@@ -438,44 +438,3 @@ def with_places(settings: Settings, recording: EventSource | WindowSource | None
         and (period is None or LEAST_FRAMES * period * 1_000_000 <= settings.tau_us)
     )
     return settings.replaced({"places_per_window": 2 if two else 1}, "the reference")
-
-
-# Tracks, odometry and clocks of the part of a recording that is read.
-
-
-def track_of(track: AnyTrack | None) -> Track | None:
-    """Return a track, read from its file if that is given."""
-    return None if track is None else loaded_track(track)
-
-
-def loaded_track(track: AnyTrack) -> Track:
-    """Return a track, read from its file or table."""
-    if isinstance(track, Track):
-        return track
-    if column_names(track) is None:
-        give = "the path of a log, a table with time_s and x_m, y_m, or Track(time_us, position)"
-        expect(track, (str, Path), "track", give)
-    return load_track(track)
-
-
-def odometry_of(odometry: Odometry | TableData | str | Path | None) -> Odometry | None:
-    """Return odometry, read from its file if that is given."""
-    if odometry is None or isinstance(odometry, Odometry):
-        return odometry
-    return load_odometry(odometry)
-
-
-_Timed = TypeVar("_Timed", bound=Track | Odometry | None)
-
-
-def of_part(drive: EventSource | WindowSource, readings: _Timed) -> _Timed:
-    """Return readings whose times count from where the part of a recording begins."""
-    start_us = drive.cropped_us
-    if readings is None or not start_us:
-        return readings
-    moved: Any = (
-        readings.shifted(-start_us / 1e6)
-        if isinstance(readings, Track)
-        else replace(readings, time_us=readings.time_us - start_us)
-    )
-    return moved

@@ -16,27 +16,31 @@ from edge_vpr.archive import read_archive, write_archive
 from edge_vpr.compiling import working_s
 from edge_vpr.confidence import OFF_MAP_MISFIT
 from edge_vpr.descriptors.counting import (
-    AnyRecording,
     DescriptorStream,
     Removed,
-    WindowSource,
-    check_reading,
     check_sensor,
     cleaned,
     count_windows,
-    opened,
-    unix_start,
     window_of,
 )
+from edge_vpr.descriptors.published import WindowSource
 from edge_vpr.descriptors.windows import Descriptors, WindowCounts, collect
+from edge_vpr.drive_inputs import (
+    AnyRecording,
+    check_reading,
+    loaded_track,
+    odometry_of,
+    of_part,
+    opened,
+    unix_start,
+)
 from edge_vpr.errors import MapError, UsageError, as_path, expect, kind_of
 from edge_vpr.evaluation.facts import Drive, facts
 from edge_vpr.evaluation.ground_truth import Alignment, GroundTruth, from_tracks
 from edge_vpr.evaluation.metrics import Evaluation, RecallDenominator, evaluate
-from edge_vpr.evaluation.tables import TableData
+from edge_vpr.evaluation.tables import AnyOdometry
 from edge_vpr.evaluation.track_files import AnyTrack
 from edge_vpr.events import TIME_LIMIT_US
-from edge_vpr.map_making import loaded_track, odometry_of, of_part
 from edge_vpr.matching.drive import match_query
 from edge_vpr.matching.match import join_matches
 from edge_vpr.matching.matches import Matches, write_csv
@@ -77,17 +81,15 @@ def match(
     *,
     settings: Settings | None,
     every: str | MatchSchedule | None,
-    odometry: Odometry | TableData | str | Path | None,
+    odometry: AnyOdometry | None,
 ) -> MatchResult:
     """Match a drive with a map, see `ReferenceMap.match`."""
     check_reading(changes, "match")
     if every is not None:
         check_causal(changes, "match, of every=")
     matched = reference.with_settings(settings, changes, "match")
-    files = (recording, odometry)
+    inputs = tuple(str(each) for each in (recording, odometry) if isinstance(each, str | Path))
     drive = opened(recording, default=reference.camera)
-    check_sensor(drive.sensor, reference.pixel_map.sensor)
-    inputs = tuple(str(each) for each in files if isinstance(each, str | Path))
     if isinstance(drive, Recording) and drive is recording and drive.format != MEMORY:
         inputs = (str(drive.path), *inputs)
     odometry = of_part(drive, odometry_of(odometry))
@@ -164,6 +166,7 @@ def _match_events(
     odometry: Odometry | None,
 ) -> MatchResult:
     """Feed the events of a drive to a localiser, and count its windows in the same pass."""
+    check_sensor(drive.sensor, reference.pixel_map.sensor)
     localiser = Localiser(reference, every=every)
     stream: DescriptorStream | None = DescriptorStream(
         reference.pixel_map, window_of(reference.settings)

@@ -26,12 +26,11 @@ from edge_vpr.archive import (
 )
 from edge_vpr.confidence import Acceptance, Confidence
 from edge_vpr.descriptors.codes import counted_events, encode, saturated
-from edge_vpr.descriptors.counting import AnyRecording, Removed
 from edge_vpr.descriptors.pixels import PixelMap
 from edge_vpr.descriptors.windows import Descriptors, activity_of_drive, check_descriptors, narrow
 from edge_vpr.errors import MapError, UsageError, expect
 from edge_vpr.events import Sensor, SensorSize
-from edge_vpr.odometry import MOST_MM, Odometry
+from edge_vpr.odometry import MOST_MM
 from edge_vpr.recordings.reading import Camera
 from edge_vpr.route import Route, length_m
 from edge_vpr.settings import MatchingChanges, Preset, SettingChanges, Settings
@@ -39,7 +38,9 @@ from fixedpoint.formats import packed_bytes
 from fixedpoint.own_mean import FULL_SCALE, ContrastCode
 
 if TYPE_CHECKING:
-    from edge_vpr.evaluation.tables import TableData
+    from edge_vpr.descriptors.counting import Removed
+    from edge_vpr.drive_inputs import AnyRecording
+    from edge_vpr.evaluation.tables import AnyOdometry
     from edge_vpr.evaluation.track_files import AnyTrack
     from edge_vpr.learning import MapUpdate
     from edge_vpr.match_result import MatchResult
@@ -196,7 +197,7 @@ class ReferenceMap(EqualByValue):
         pixel_map: PixelMap | str | Path | None = None,
         hot: npt.NDArray[np.bool_] | str | Path | None = None,
         track: AnyTrack | None = None,
-        odometry: Odometry | TableData | str | Path | None = None,
+        odometry: AnyOdometry | None = None,
         removed: Removed | None = None,
         **changes: Unpack[SettingChanges],
     ) -> ReferenceMap:
@@ -256,7 +257,7 @@ class ReferenceMap(EqualByValue):
         recording: AnyRecording,
         *,
         track: AnyTrack | None = None,
-        odometry: Odometry | TableData | str | Path | None = None,
+        odometry: AnyOdometry | None = None,
         same_route: bool = False,
         removed: Removed | None = None,
     ) -> MapUpdate:
@@ -311,7 +312,7 @@ class ReferenceMap(EqualByValue):
         *,
         settings: Settings | None = None,
         every: str | MatchSchedule | None = None,
-        odometry: Odometry | TableData | str | Path | None = None,
+        odometry: AnyOdometry | None = None,
         **changes: Unpack[MatchingChanges],
     ) -> MatchResult:
         """Match a query drive with this map.

@@ -2,12 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
-from fractions import Fraction
-from inspect import signature
-from pathlib import Path
-from typing import Any, Protocol, TypeAlias, runtime_checkable
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -15,6 +12,7 @@ import numpy.typing as npt
 from edge_vpr.compiling import kernel
 from edge_vpr.descriptors.cleaning import BurstFilter
 from edge_vpr.descriptors.pixels import PixelMap
+from edge_vpr.descriptors.published import WindowSource, check_counted
 from edge_vpr.descriptors.unseen import UnseenTime
 from edge_vpr.descriptors.windows import (
     MAX_WINDOWS,
@@ -26,27 +24,17 @@ from edge_vpr.descriptors.windows import (
     collect,
     overlapping,
 )
-from edge_vpr.errors import EventError, MapError, UsageError, expect, kind_of
+from edge_vpr.errors import EventError, MapError, UsageError, expect
 from edge_vpr.events import (
     NO_EVENTS,
-    UNIX_US,
     Events,
     Sensor,
-    SensorSize,
     as_events,
     check_after,
     check_events,
     make_events,
 )
-from edge_vpr.recordings import EventData, open_recording
-from edge_vpr.recordings.memory import is_event_data
-from edge_vpr.recordings.reading import (
-    NO_CAMERA,
-    Camera,
-    EventSource,
-    Faults,
-    ForeignRecording,
-)
+from edge_vpr.recordings.reading import EventSource
 from edge_vpr.results import RemovedEvents
 from edge_vpr.settings import Settings
 
@@ -463,145 +451,6 @@ class CountPixels:
         return make_events(t, array["x"], array["y"])
 
 
-# Inputs of mapping and matching: a recording of events, or counts of finished windows.
-
-
-@runtime_checkable
-class WindowSource(Protocol):
-    """Interface of counts that were published as finished windows, without events.
-
-    `start_us`, `cropped_us`, `frame_period` and `faults` are those of an `EventSource`.
-    """
-
-    start_us: int
-    cropped_us: int
-    frame_period: Fraction | None
-    faults: Faults
-
-    @property
-    def sensor(self) -> Sensor:
-        """Size of the sensor."""
-        ...
-
-    @property
-    def window_us(self) -> int:
-        """Length of a window in microseconds, rounded."""
-        ...
-
-    @property
-    def counted(self) -> npt.NDArray[np.bool_]:
-        """Mask of the pixels that were counted, shape (height, width)."""
-        ...
-
-    def windows(self) -> Iterator[WindowCounts]:
-        """Yield windows from the start, over all pixels, row by row; zero where not counted."""
-        ...
-
-
-class HasSensor(Protocol):
-    """Any object with a sensor that yields events in time order; they are checked."""
-
-    @property
-    def sensor(self) -> Sensor:
-        """Size of the sensor."""
-        ...
-
-    def __iter__(self) -> Iterator[Events]:
-        """Yield events from the start."""
-        ...
-
-
-#: A recording as callers hold it.
-AnyRecording: TypeAlias = EventSource | WindowSource | EventData | HasSensor | str | Path
-
-
-def opened(
-    recording: AnyRecording,
-    *,
-    sensor: SensorSize | None = None,
-    default: Camera = NO_CAMERA,
-) -> EventSource | WindowSource:
-    """Return a recording, or open it if it is a path or events in memory.
-
-    Parameters
-    ----------
-    sensor : Sensor or (int, int) or str, optional
-        Where the file or the events do not state it.
-    default : Camera, optional
-        See `open_recording`.
-
-    Raises
-    ------
-    RecordingError
-        If the file cannot be read.
-    """
-    drive: Any = recording  # the tests below are not those of its type
-    if not isinstance(drive, EventSource | WindowSource):
-        if isinstance(drive, str | Path) or is_event_data(drive):
-            return open_recording(drive, sensor=sensor, default=default)
-        if not (hasattr(drive, "sensor") and hasattr(drive, "__iter__")):
-            raise UsageError(
-                f"the recording is {kind_of(recording)}: give a path, events, what open_recording "
-                "returns, or an object with a sensor that yields arrays of events"
-            )
-        drive = ForeignRecording(drive)
-    if sensor is not None and Sensor.of(sensor) != drive.sensor:
-        raise UsageError(
-            f"the recording is of a {drive.sensor} sensor, and sensor {Sensor.of(sensor)} was "
-            "given: leave it out"
-        )
-    source: EventSource | WindowSource = drive
-    return source
-
-
-def unix_start(drive: EventSource | WindowSource) -> int:
-    """Return where a whole recording begins on its clock, if that counts from 1970; else 0."""
-    start_us = drive.start_us - drive.cropped_us
-    return start_us if start_us >= UNIX_US else 0
-
-
-def check_reading(changes: Mapping[str, Any], by: str) -> None:
-    """Refuse, among settings, what says how a file is read."""
-    for name in changes.keys() & signature(open_recording).parameters:
-        raise UsageError(
-            f"{by}: {name} is no setting, and says how a recording is read: give "
-            f"open_recording(recording, {name}={changes[name]!r}) in its place"
-        )
-
-
-def check_sensor(recording: Sensor, mapped: Sensor) -> None:
-    """Check that the recording has the sensor of the map; raise MapError if not."""
-    if recording != mapped:
-        raise MapError(
-            f"the recording is of a {recording} sensor and the map of a {mapped} one: use the map "
-            "of this camera, or name the right sensor (sensor=)"
-        )
-
-
-def check_windows_only(settings: Settings) -> None:
-    """Raise UsageError if the settings need events, which published windows do not hold."""
-    if settings.window == "count":
-        raise UsageError(
-            "published windows hold no events: fixed-count windows need a recording of events"
-        )
-
-
-def check_counted(source: WindowSource, pixel_map: PixelMap, settings: Settings) -> None:
-    """Check that the published windows have the pixels and the length of those of a map."""
-    check_windows_only(settings)
-    if source.window_us != settings.tau_us:
-        raise MapError(
-            f"the published windows last {source.window_us} us and the map's {settings.tau_us} us: "
-            "match windows of one length"
-        )
-    missing = np.count_nonzero(~source.counted[pixel_map.y, pixel_map.x])
-    if missing:
-        raise MapError(
-            f"{missing} of the map's {len(pixel_map)} pixels were not counted in this file: "
-            "map and match windows of the same pixels"
-        )
-
-
 # The events of a recording without bursts, and the number of removed events.
 
 
@@ -672,6 +521,15 @@ def event_windows(
 
 
 # The windows of a drive, counted.
+
+
+def check_sensor(recording: Sensor, mapped: Sensor) -> None:
+    """Check that the recording has the sensor of the map; raise MapError if not."""
+    if recording != mapped:
+        raise MapError(
+            f"the recording is of a {recording} sensor and the map of a {mapped} one: use the map "
+            "of this camera, or name the right sensor (sensor=)"
+        )
 
 
 def count_windows(

@@ -7,17 +7,52 @@ import math
 from collections.abc import Iterator
 from fractions import Fraction
 from pathlib import Path
-from typing import TypeVar
+from typing import Protocol, TypeVar, runtime_checkable
 
 import numpy as np
+import numpy.typing as npt
 
+from edge_vpr.descriptors.pixels import PixelMap
 from edge_vpr.descriptors.windows import WindowCounts
-from edge_vpr.errors import UsageError
+from edge_vpr.errors import MapError, UsageError
 from edge_vpr.events import Sensor, SensorSize
 from edge_vpr.recordings import Faults, TimeCrop, parse_period, read_count_frames
 from edge_vpr.recordings.frames import MOST_PIXELS, Counts
+from edge_vpr.settings import Settings
 
 T = TypeVar("T")
+
+
+@runtime_checkable
+class WindowSource(Protocol):
+    """Interface of counts that were published as finished windows, without events.
+
+    `start_us`, `cropped_us`, `frame_period` and `faults` are those of an `EventSource`.
+    """
+
+    start_us: int
+    cropped_us: int
+    frame_period: Fraction | None
+    faults: Faults
+
+    @property
+    def sensor(self) -> Sensor:
+        """Size of the sensor."""
+        ...
+
+    @property
+    def window_us(self) -> int:
+        """Length of a window in microseconds, rounded."""
+        ...
+
+    @property
+    def counted(self) -> npt.NDArray[np.bool_]:
+        """Mask of the pixels that were counted, shape (height, width)."""
+        ...
+
+    def windows(self) -> Iterator[WindowCounts]:
+        """Yield windows from the start, over all pixels, row by row; zero where not counted."""
+        ...
 
 
 class PublishedWindows:
@@ -120,3 +155,27 @@ def _stated(value: T | None, path: str | Path, what: str) -> T:
     if value is None:
         raise UsageError(f"{path} does not say {what}")
     return value
+
+
+def check_windows_only(settings: Settings) -> None:
+    """Raise UsageError if the settings need events, which published windows do not hold."""
+    if settings.window == "count":
+        raise UsageError(
+            "published windows hold no events: fixed-count windows need a recording of events"
+        )
+
+
+def check_counted(source: WindowSource, pixel_map: PixelMap, settings: Settings) -> None:
+    """Check that the published windows have the pixels and the length of those of a map."""
+    check_windows_only(settings)
+    if source.window_us != settings.tau_us:
+        raise MapError(
+            f"the published windows last {source.window_us} us and the map's {settings.tau_us} us: "
+            "match windows of one length"
+        )
+    missing = np.count_nonzero(~source.counted[pixel_map.y, pixel_map.x])
+    if missing:
+        raise MapError(
+            f"{missing} of the map's {len(pixel_map)} pixels were not counted in this file: "
+            "map and match windows of the same pixels"
+        )

@@ -115,6 +115,8 @@ def _bad_length(
 
 #: a table with named columns that a program holds, such as a DataFrame or a dictionary
 TableData: TypeAlias = Mapping[str, npt.ArrayLike] | NamedTable
+#: odometry as a caller holds it
+AnyOdometry: TypeAlias = Odometry | TableData | str | Path
 
 
 def cells_of(table: Any, names: list[str], place: Path) -> tuple[tuple[str, ...], list[list[str]]]:

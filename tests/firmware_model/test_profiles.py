@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 from edge_vpr_tools.estimate.of_map import design_of, memories_of
 
-from edge_vpr.descriptors.counting import opened
+from edge_vpr.drive_inputs import opened
 from edge_vpr.events import Events, Sensor
 from edge_vpr.match_result import describe_query
 from edge_vpr.matching.drive import match_descriptors

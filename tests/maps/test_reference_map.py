@@ -541,8 +541,9 @@ def test_types_of_public_names_can_be_read():
     """As by programs that check arguments; pandas and Matplotlib are not loaded for it."""
     optional = {"pandas": SimpleNamespace(DataFrame=Any), "Axes": Any}
     optional |= {"ContrastCode": Any}
-    # a map's methods return what later stages make
-    later = ("AnyTrack", "TableData", "MapUpdate", "MatchResult", "Localiser", "MatchSchedule")
+    # a map's methods take and return what later stages make
+    inputs = ("AnyRecording", "AnyTrack", "AnyOdometry", "Removed")
+    later = (*inputs, "MapUpdate", "MatchResult", "Localiser", "MatchSchedule")
     optional |= dict.fromkeys(later, Any)
     for public in (getattr(ev, name) for name in ev.__all__):
         members = [public]

@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numba import config
 
-from edge_vpr.descriptors.counting import opened
+from edge_vpr.drive_inputs import opened
 from edge_vpr.errors import UsageError
 from edge_vpr.events import join_events, make_events
 from edge_vpr.match_result import describe_query

@@ -70,7 +70,7 @@ STAGES = [
     *("settings", "events", "results"),
     *("confidence", "route", "odometry", "recordings", "descriptors", "reference_map", "matching"),
     *("evaluation", "simulation", "online", "learning"),
-    *("map_making", "match_result", "live"),
+    *("drive_inputs", "map_making", "match_result", "live"),
 ]
 
 

@@ -12,13 +12,9 @@ import numpy as np
 import numpy.typing as npt
 
 from edge_vpr.descriptors.cleaning import can_be_searched, find_hot_pixels
-from edge_vpr.descriptors.counting import (
-    DescriptorStream,
-    WindowSource,
-    count_windows,
-    event_windows,
-)
+from edge_vpr.descriptors.counting import DescriptorStream, count_windows, event_windows
 from edge_vpr.descriptors.pixels import PixelMap
+from edge_vpr.descriptors.published import WindowSource
 from edge_vpr.descriptors.windows import Descriptors, FixedCount, FixedTime, Window, narrow
 from edge_vpr.errors import UsageError
 from edge_vpr.evaluation.ground_truth import GroundTruth, from_tracks

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from edge_vpr_tools.sweep.trial import fastest
 
-from edge_vpr.descriptors.counting import WindowSource
+from edge_vpr.descriptors.published import WindowSource
 from edge_vpr.evaluation.metrics import evaluate
 from edge_vpr.recordings.reading import EventSource
 from edge_vpr.reference_map import ReferenceMap

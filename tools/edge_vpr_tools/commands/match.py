@@ -88,10 +88,10 @@ def run(args: argparse.Namespace) -> None:
     """Match the recording and write the folder of results."""
     from edge_vpr import results
     from edge_vpr.archive import archive_kind, write_npy
+    from edge_vpr.drive_inputs import of_part
     from edge_vpr.evaluation.match_tracks import check_track_file
     from edge_vpr.evaluation.tables import load_odometry
     from edge_vpr.files import check_new_file
-    from edge_vpr.map_making import of_part
     from edge_vpr.match_result import OnlineMetrics
     from edge_vpr.matching.drive import query_distances
     from edge_vpr.reference_map import KIND as MAP_KIND

@@ -17,7 +17,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 from PIL import Image
 
-from edge_vpr.descriptors.counting import WindowSource
+from edge_vpr.descriptors.published import WindowSource
 from edge_vpr.descriptors.windows import Descriptors
 from edge_vpr.errors import EdgeVprWarning, UsageError
 from edge_vpr.evaluation.ground_truth import TruePositions

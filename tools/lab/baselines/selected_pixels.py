@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from edge_vpr.descriptors.counting import WindowSource
 from edge_vpr.descriptors.pixels import (
     PixelMap,
     PixelStatistics,
@@ -13,6 +12,7 @@ from edge_vpr.descriptors.pixels import (
     select_pixels,
     shortlist,
 )
+from edge_vpr.descriptors.published import WindowSource
 from edge_vpr.descriptors.windows import WindowCounts, narrow
 from edge_vpr.errors import UsageError
 from edge_vpr.events import Sensor

@@ -17,7 +17,8 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from edge_vpr.descriptors.counting import WindowSource, cleaned
+from edge_vpr.descriptors.counting import cleaned
+from edge_vpr.descriptors.published import WindowSource
 from edge_vpr.evaluation.tracks import Track, distances, with_positions
 from edge_vpr.live.position import Locator, PathPosition
 from edge_vpr.recordings.reading import EventSource

@@ -16,9 +16,10 @@ import numpy as np
 import numpy.typing as npt
 from edge_vpr_tools.commands.map import fitting_window
 
-from edge_vpr.descriptors.counting import count_windows, opened
+from edge_vpr.descriptors.counting import count_windows
 from edge_vpr.descriptors.pixels import PixelMap
 from edge_vpr.descriptors.windows import Descriptors, narrow
+from edge_vpr.drive_inputs import opened
 from edge_vpr.evaluation.ground_truth import GroundTruth
 from edge_vpr.events import Events, join_events
 from edge_vpr.odometry import Odometry

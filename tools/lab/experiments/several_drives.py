@@ -17,8 +17,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from edge_vpr.descriptors.counting import WindowSource, count_places
-from edge_vpr.descriptors.published import PublishedWindows
+from edge_vpr.descriptors.counting import count_places
+from edge_vpr.descriptors.published import PublishedWindows, WindowSource
 from edge_vpr.evaluation.track_files import load_track
 from edge_vpr.evaluation.tracks import Track, with_positions
 from edge_vpr.learning import learn_drive
