@@ -107,11 +107,11 @@ def read_state(path: Path, localiser: Localiser) -> Resumable | str | None:
         arrays, values = read_archive(path, KIND)
         with archive_errors(path, "delete it", KIND):
             if values["of"] != localiser.checksum():
-                return "it is of another map, of other settings or of another edge-vpr"
+                return f"{path} is of another map, of other settings or of another edge-vpr"
             resumed = localiser.fresh()
             resumed.resume(arrays, values["now_us"], values["floor_us"])
-    except EdgeVprError:
-        return "it is damaged, or is no state, or cannot be read"
+    except EdgeVprError as error:
+        return str(error)
     return Resumable(resumed, values)
 
 
@@ -158,19 +158,20 @@ class StateFile:
         if isinstance(saved, Resumable):
             passed_us = _since_boot_us_at(heard_s) - saved.values["since_boot_us"]
             if not live_line:
-                saved = "it is of a live line, and this is none"
+                saved = f"{self._path} is of a live line, and this is none"
             elif saved.values["boot"] != boot() or not boot():
                 live.resume(*saved, limit_us)
                 self._say("state", "goes on after another start of the machine", over=True)
             elif passed_us < 0:
-                saved = "it was kept later than now"
+                saved = f"{self._path} was kept later than now"
             elif passed_us > limit_us:
-                saved = f"it is {passed_us / 1e6:,.0f} s old, of at most {limit_us / 1e6:.0f} s"
+                old_s, most_s = passed_us / 1e6, limit_us / 1e6
+                saved = f"{self._path} is {old_s:,.0f} s old, of at most {most_s:.0f} s"
             else:
                 live.resume(*saved, passed_us)
                 self._say("state", f"goes on after {passed_us / 1e6:.1f} s", over=True)
         if isinstance(saved, str):
-            self._say("state", f"{self._path} is not used, matching starts afresh: {saved}")
+            self._say("state", f"matching starts afresh: {saved}")
         if self._writer is None and live_line:
             self._writer = StateWriter(self._path)
         elif self._writer is None and not self._reported:
