@@ -57,8 +57,8 @@ def run(args: argparse.Namespace) -> None:
     show(rows)
     if output is not None:
         with results.results_folder(output, args.overwrite) as folder:
-            write_comparison(folder, rows, formats, measure)
-        if lacks_intervals(rows, measure):
+            means = write_comparison(folder, rows, formats, measure)
+        if lacks_intervals(means):
             note(
                 f"means have no intervals: these need {LEAST} pairs of drives, or {LEAST} seeds of "
                 "a single one"

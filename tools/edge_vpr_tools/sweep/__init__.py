@@ -1,7 +1,5 @@
 """Sweeps: variants x drives x seeds, on the processes of one machine or on a cluster."""
 
-#: those of `MEASURES` that differ by the tolerance
-SHARES = 7
 #: figures of merit by their name in a file, with the heading of their column
 MEASURES = {
     "precision_at_100_recall": "P@100R",

@@ -17,7 +17,7 @@ from edge_vpr.results import RUN, run_record, write_json
 from edge_vpr_tools.console import table
 from edge_vpr_tools.report.spreadsheets import write_spreadsheet
 from edge_vpr_tools.report.style import CYCLE, figure, name_label, save
-from edge_vpr_tools.sweep import MEASURES, SHARES
+from edge_vpr_tools.sweep import MEASURES
 from edge_vpr_tools.sweep.table import SETTINGS, Line, read_lines
 
 #: columns of a row's names
@@ -27,8 +27,11 @@ _SHOWN = (
     *("precision_at_100_recall", "recall_at_99_precision", "average_precision"),
     *("queries", "packed_bytes_per_window", "microseconds_per_match"),
 )
-#: shown with thousands and without decimals
-_WHOLE = ("queries", "packed_bytes_per_window", "differences_per_match")
+#: decimals of the measures that are no shares, which have three
+_DECIMALS = {
+    "queries": 0, "packed_bytes_per_window": 0, "differences_per_match": 0,
+    "microseconds_per_match": 1,
+}  # fmt: skip
 #: more rows than this are illegible in one figure
 MOST_DRAWN = 60
 
@@ -101,9 +104,9 @@ def _cell(values: Floats, measure: str) -> str:
     mean = values.mean()
     if np.isnan(mean):
         return "-"
-    digits = 0 if measure in _WHOLE else 3 if measure in list(MEASURES)[:SHARES] else 1
+    digits = _DECIMALS.get(measure, 3)
     spread = values.std(ddof=1) if values.size > 1 else 0.0
-    if values.size < 2 or (spread == 0 and measure in _WHOLE):
+    if values.size < 2 or (spread == 0 and digits == 0):
         return f"{mean:,.{digits}f}"
     return f"{mean:,.{digits}f} ± {spread:,.{digits}f}"
 
@@ -186,9 +189,9 @@ def averages(rows: Sequence[Row], measure: str) -> list[Average]:
     return means
 
 
-def lacks_intervals(rows: Sequence[Row], measure: str) -> bool:
+def lacks_intervals(means: Sequence[Average]) -> bool:
     """Return whether there is a difference from the first variant, and none has an interval."""
-    apart = [one.difference for one in averages(rows, measure) if one.difference is not None]
+    apart = [one.difference for one in means if one.difference is not None]
     return bool(apart) and all(np.isnan(one.low) for one in apart)
 
 
@@ -250,7 +253,7 @@ NAME = "compare"
 
 def write_comparison(
     folder: Path, rows: Sequence[Row], formats: Sequence[str], measure: str
-) -> None:
+) -> list[Average]:
     """Write ``compare.csv``, with a line for each variant, and the figure in each format.
 
     Parameters
@@ -259,11 +262,17 @@ def write_comparison(
         Names from `report.FORMATS`.
     measure : str
         Measure of the figure and of the differences, one of `MEASURES`.
+
+    Returns
+    -------
+    list of Average
+        Of the variants.
     """
     head = ["run", "variant", *differing_settings(rows), "tolerance", "drive_pairs", *MEASURES]
     head += [f"{measure}_difference", "difference_low", "difference_high"]
+    means = averages(rows, measure)
     lines: list[list[str | float | None]] = []
-    for one in averages(rows, measure):
+    for one in means:
         numbers = [*one.means.values(), *(one.difference or [np.nan] * 3)]
         cells = [None if np.isnan(value) else value for value in numbers]
         named = [one.run, one.variant, *one.settings.values(), one.tolerance]
@@ -271,3 +280,4 @@ def write_comparison(
     write_spreadsheet(folder / f"{NAME}.csv", head, lines)
     write_json(folder / RUN, run_record({}, []))
     save(draw(rows, measure), *(folder / f"{NAME}.{kind}" for kind in formats))
+    return means
