@@ -9,11 +9,9 @@ from __future__ import annotations
 
 import csv
 import sys
-from collections.abc import Mapping
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 
@@ -60,21 +58,14 @@ CHECKED_ON = {
 }
 
 
-class Netlist(NamedTuple):
-    """Cells of a packed design, and those that the FPGA has."""
-
-    design: str
-    cells: int
-    available: int
+#: columns of the table: cells of the packed design, and of the FPGA
+HEADER = ("design", "cells", "available")
 
 
-def read(table: Path = TABLE) -> dict[str, Netlist]:
-    """Read the measured netlists by the name of the design."""
+def read(table: Path = TABLE) -> dict[str, int]:
+    """Read the cells of the measured netlists by the name of the design."""
     with table.open(encoding="ascii", newline="") as file:
-        return {
-            row["design"]: Netlist(row["design"], int(row["cells"]), int(row["available"]))
-            for row in csv.DictReader(file)
-        }
+        return {row["design"]: int(row["cells"]) for row in csv.DictReader(file)}
 
 
 def cells(design: Design) -> int:
@@ -85,14 +76,14 @@ def cells(design: Design) -> int:
 def errors() -> dict[str, float]:
     """Return the relative error of each netlist that was not fitted; positive: too many cells."""
     measured = read()
-    return {name: cells(of) / measured[name].cells - 1 for name, of in CHECKED_ON.items()}
+    return {name: cells(of) / measured[name] - 1 for name, of in CHECKED_ON.items()}
 
 
 @cache
 def _fitted() -> tuple[float, ...]:
     """Solve for the cells of each term, by least squares of relative errors."""
     measured = read()
-    counted = np.array([measured[name].cells for name in FITTED_ON], dtype=np.float64)
+    counted = np.array([measured[name] for name in FITTED_ON], dtype=np.float64)
     terms = np.array([_terms(design) for design in FITTED_ON.values()], dtype=np.float64)
     solved = np.linalg.lstsq(terms / counted[:, None], np.ones(len(counted)), rcond=None)[0]
     return tuple(solved.tolist())
@@ -110,23 +101,19 @@ def _terms(design: Design) -> tuple[int, ...]:
     return 1, word, design.filters, half, design.contrast, several, design.gains > 1
 
 
-def measure(designs: Mapping[str, Design]) -> list[Netlist]:
-    """Synthesize and pack designs; raises `firmware_model.errors.ToolError` as the report does."""
-    netlists = []
-    for name, design in designs.items():
-        taken, there = packed_cells(design, ICEBREAKER)["logic cells"]
-        print(f"{name}: {taken} of {there}", file=sys.stderr, flush=True)
-        netlists.append(Netlist(name, taken, there))
-    return netlists
+def measure(design: Design) -> tuple[int, int]:
+    """Return the cells of a packed design, and those of the FPGA; raises as `packed_cells`."""
+    return packed_cells(design, ICEBREAKER)["logic cells"]
 
 
 def main() -> None:
-    """Write the table of all designs."""
-    rows = measure(FITTED_ON | CHECKED_ON)
+    """Synthesize and pack all designs, and write their table."""
+    rows = []
+    for name, design in (FITTED_ON | CHECKED_ON).items():
+        rows.append((name, *measure(design)))
+        print(f"{name}: {rows[-1][1]} cells", file=sys.stderr, flush=True)
     with TABLE.open("w", encoding="ascii", newline="") as file:
-        writer = csv.writer(file, lineterminator="\n")
-        writer.writerow(Netlist._fields)
-        writer.writerows(rows)
+        csv.writer(file, lineterminator="\n").writerows([HEADER, *rows])
     _fitted.cache_clear()
     for name, error in errors().items():
         print(f"{name}: {error:+.1%}")
