@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from edge_vpr.errors import UsageError
-from edge_vpr_tools.console import handled, is_quiet, summary
+from edge_vpr_tools.console import handled, summary
 from edge_vpr_tools.flags import add_json_flag, add_output_flags
 
 if TYPE_CHECKING:
@@ -61,6 +61,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 # The work to be measured, as the flags of `edge-vpr profile` describe it.
 
 
+#: length of the simulated street, which has about 70 places
+STREET_M = 400.0
+
+
 def load_of(args: argparse.Namespace) -> Load:
     """Open the map and the recording that the flags name, or simulate a street."""
     from edge_vpr.descriptors.counting import check_sensor, cleaned
@@ -68,13 +72,15 @@ def load_of(args: argparse.Namespace) -> Load:
     from edge_vpr.reference_map import ReferenceMap
     from edge_vpr.simulation import simulate_pair
     from edge_vpr_tools.inputs import with_progress
-    from edge_vpr_tools.profile.workload import STREET_M, Load, street_load
+    from edge_vpr_tools.profile.workload import Load
 
     if args.map is None:
-        pair = simulate_pair(0, length_m=STREET_M)
-        for name, drive in zip(("reference", "query"), pair, strict=True):
-            drive.keep(partial(with_progress, label=f"simulating the {name}"))
-        return street_load(*pair)
+        first, query = simulate_pair(0, length_m=STREET_M)
+        first.keep(partial(with_progress, label="simulating the reference"))
+        query.keep(partial(with_progress, label="simulating the query"))
+        reference = ReferenceMap.build(first)
+        events = list(cleaned(query, reference.settings))
+        return Load(f"simulated street of {STREET_M:g} m", reference, events, [])
     reference = ReferenceMap.load(args.map)
     recording = open_recording(args.recording, default=reference.camera)
     check_sensor(recording.sensor, reference.pixel_map.sensor)
@@ -113,6 +119,5 @@ def run(args: argparse.Namespace) -> None:
             write_profile(measured, folder)
     if args.json:
         print(results.json_text(measured))
-    elif not is_quiet():
-        show(measured)
+    show(measured)
     summary(f"see {output / results.REPORT}")

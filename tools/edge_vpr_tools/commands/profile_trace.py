@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from edge_vpr_tools.console import is_quiet, summary
+from edge_vpr_tools.console import summary
 
 EXAMPLES = """\
   edge-vpr profile --meter -o results/board
@@ -59,6 +59,5 @@ def run(args: argparse.Namespace) -> None:
     measured = with_meter(path, Path(args.trace), stated)
     check_shown(measured, path)
     write_profile(measured, path.parent, name=path.name)
-    if not is_quiet():
-        show(measured)
+    show(measured)
     summary(f"see {path.parent / results.REPORT}")

@@ -251,16 +251,6 @@ def _small_sample(n: int) -> float:
 
 
 Bounds = tuple[float, float]
-#: the figures that have an interval
-BOUNDED = ("marginal_j_per_match", "matches_per_joule", "idle_w")
-
-
-class Bounded(NamedTuple):
-    """Figure with its 95 % interval; None if it is not resolved or not known."""
-
-    value: float | None
-    low: float | None = None
-    high: float | None = None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -282,10 +272,6 @@ class Figures:
     idle_w: float
     idle_w_interval: Bounds
     load_w: float
-
-    def bounded(self, name: str) -> Bounded:
-        """Return one of the figures `BOUNDED` with its interval."""
-        return Bounded(getattr(self, name), *(getattr(self, f"{name}_interval") or ()))
 
 
 class PowerTrace(NamedTuple):
@@ -314,7 +300,7 @@ class Energy:
 
 
 #: function that runs the load for some seconds and returns the number of matches
-Load = Callable[[float], int]
+RunLoad = Callable[[float], int]
 
 #: least duration and native samples of a window, for a figure that can be published
 LEAST_S, LEAST_SAMPLES = 10.0, 100
@@ -357,7 +343,7 @@ class Plan:
         return replace(self, window_s=max(self.window_s, least * period_s))
 
 
-def take_turns(plan: Plan, load: Load) -> list[Window]:
+def take_turns(plan: Plan, load: RunLoad) -> list[Window]:
     """Alternate idle and load windows, with alternating order within pairs.
 
     A steady drift of the board's power cancels over two pairs: idle, load, load, idle. In idle
@@ -382,7 +368,7 @@ def take_turns(plan: Plan, load: Load) -> list[Window]:
     return windows
 
 
-def measure(sensor: Sensor, plan: Plan, load: Load) -> Energy:
+def measure(sensor: Sensor, plan: Plan, load: RunLoad) -> Energy:
     """Measure the energy of a match.
 
     Returns

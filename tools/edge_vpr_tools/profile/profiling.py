@@ -20,7 +20,6 @@ from edge_vpr.results import RecordError, RunRecord, from_json, run_record
 from edge_vpr_tools.console import note
 from edge_vpr_tools.profile.conditions import Conditions, void_because
 from edge_vpr_tools.profile.measurement import (
-    BOUNDED,
     Energy,
     Plan,
     Trace,
@@ -248,18 +247,20 @@ class Number(NamedTuple):
     why: str = ""
 
 
+#: figures of an `Energy` that have an interval
+BOUNDED = ("marginal_j_per_match", "matches_per_joule", "idle_w")
+
+
 def numbers(profile: Profile) -> Iterator[Number]:
     """Yield the numbers of a profile, in the same order and with the same names for each."""
     for name, value in asdict(profile.throughput).items():
         yield Number(name, value)
+    figures = profile.energy.figures
     for name in BOUNDED:
-        yield _of_energy(profile.energy, name, profile.void)
-
-
-def _of_energy(energy: Energy, name: str, void: bool) -> Number:
-    if void or energy.figures is None:
-        return Number(name, None, why=VOID if void else NOT_MEASURED)
-    bounded = energy.figures.bounded(name)
-    if bounded.value is None:
-        return Number(name, None, why=NOT_RESOLVED)
-    return Number(name, *bounded)
+        if profile.void or figures is None:
+            yield Number(name, None, why=VOID if profile.void else NOT_MEASURED)
+        elif getattr(figures, name) is None:
+            yield Number(name, None, why=NOT_RESOLVED)
+        else:
+            interval = getattr(figures, f"{name}_interval") or ()
+            yield Number(name, getattr(figures, name), *interval)

@@ -4,19 +4,17 @@ from __future__ import annotations
 
 import resource
 import time
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
 
-from edge_vpr.descriptors.counting import cleaned
 from edge_vpr.errors import UsageError
 from edge_vpr.events import Events, join_events
 from edge_vpr.online.localiser import Localiser
 from edge_vpr.online.schedule import MatchSchedule
 from edge_vpr.reference_map import ReferenceMap
-from edge_vpr.simulation import SimulatedRecording
 
 # The pipeline as a load: a recording is repeatedly fed to a localiser in packets.
 
@@ -32,8 +30,8 @@ class Workload:
 
     Parameters
     ----------
-    events : iterable of ndarray
-        Cleaned events of the recording; held in memory.
+    events : sequence of Events
+        Cleaned events of the recording.
 
     Attributes
     ----------
@@ -50,13 +48,8 @@ class Workload:
         If one round of the recording gives no match.
     """
 
-    def __init__(
-        self,
-        reference: ReferenceMap,
-        events: Iterable[Events],
-    ) -> None:
-        pieces = list(events)
-        whole = join_events(pieces)
+    def __init__(self, reference: ReferenceMap, events: Sequence[Events]) -> None:
+        whole = join_events(events)
         if whole.size == 0:
             raise UsageError("the recording holds no events: name another one")
         self._packets = [whole[i : i + PACKET].copy() for i in range(0, whole.size, PACKET)]
@@ -100,28 +93,14 @@ class Workload:
             self.latencies_s.append(took)
 
 
-# Drives of a profile: the user's map and drive, or a simulated street.
-
-
-#: length of the simulated street, which has about 70 places
-STREET_M = 400.0
-
-
 @dataclass(frozen=True, eq=False)
 class Load:
-    """Load: a map, and the events of a query drive."""
+    """Map and drive of which a `Workload` is made."""
 
     name: str  #: Name of the recording.
     reference: ReferenceMap
     events: list[Events]  #: Cleaned events of the query drive.
     inputs: Sequence[str]
-
-
-def street_load(first: SimulatedRecording, query: SimulatedRecording) -> Load:
-    """Map the first drive of a simulated street of `STREET_M`; the query drive is the load."""
-    reference = ReferenceMap.build(first)
-    events = list(cleaned(query, reference.settings))
-    return Load(f"simulated street of {STREET_M:g} m", reference, events, [])
 
 
 # Speed of the load on this machine: events, matches, latency, processor time and memory.
