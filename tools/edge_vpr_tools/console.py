@@ -10,7 +10,7 @@ from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, S
 from contextlib import contextmanager
 from enum import IntEnum
 from types import FrameType
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 from edge_vpr.errors import escaped, printable
 from edge_vpr.run_log import log_warning, logged_run
@@ -38,9 +38,16 @@ class Verbosity(IntEnum):
     VERBOSE = 1
 
 
-_now = [Verbosity.NORMAL]
-_flags: list[Collection[str]] = [()]
-_json = [False]
+class _Output(NamedTuple):
+    """What the command that runs prints; see `verbosity`."""
+
+    level: Verbosity = Verbosity.NORMAL
+    flags: Collection[str] = ()
+    json: bool = False
+
+
+#: of a command that runs another one, the other one's last
+_outputs = [_Output()]
 
 
 @contextmanager
@@ -56,16 +63,12 @@ def verbosity(
     json : bool
         Leave standard output to one JSON object: no summary, table or paragraph is printed.
     """
-    _now.append(level)
-    _flags.append(flags)
-    _json.append(json)
+    _outputs.append(_Output(level, flags, json))
     try:
         with logged_run(command):
             yield
     finally:
-        _now.pop()
-        _flags.pop()
-        _json.pop()
+        _outputs.pop()
 
 
 #: Flags of arguments that have another name.
@@ -85,13 +88,14 @@ _ARGUMENT = re.compile(
 
 def in_flags(text: str) -> str:
     """Return a message of the library with the flags of the command in place of its arguments."""
+    of_command = _outputs[-1].flags
 
     def flag(argument: re.Match[str]) -> str:
         name, quoted, plain, method = argument.groups()
         name = name or method
         possible = _FLAGS_OF.get(name, ["--" + name.replace("_", "-")])
-        flags = [each for each in possible if each in _flags[-1]]
-        if not flags and _flags[-1]:
+        flags = [each for each in possible if each in of_command]
+        if not flags and of_command:
             flags = [f"edge-vpr map {each}" for each in possible if each in _OF_MAP]
         if not flags:
             return argument[0]
@@ -107,17 +111,17 @@ def in_flags(text: str) -> str:
 
 def is_quiet() -> bool:
     """Return whether everything but errors is off."""
-    return _now[-1] <= Verbosity.QUIET
+    return _outputs[-1].level <= Verbosity.QUIET
 
 
 def is_verbose() -> bool:
     """Return whether a command prints more than it must."""
-    return _now[-1] >= Verbosity.VERBOSE
+    return _outputs[-1].level >= Verbosity.VERBOSE
 
 
 def summary(text: str) -> None:
     """Print a line of a command's result on standard output; not if quiet, or with ``--json``."""
-    if not (is_quiet() or _json[-1]):
+    if not (is_quiet() or _outputs[-1].json):
         print(escaped(in_flags(text)), flush=True)
 
 
@@ -298,5 +302,5 @@ def _plain(text: str) -> Text:
 def _console(width: int) -> Console:
     from rich.console import Console
 
-    silent = is_quiet() or _json[-1]
+    silent = is_quiet() or _outputs[-1].json
     return Console(width=None if Console().is_terminal else width, quiet=silent)
