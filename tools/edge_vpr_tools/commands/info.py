@@ -112,16 +112,14 @@ def run(args: argparse.Namespace) -> None:
     from edge_vpr_tools.inputs import open_from, watched
 
     if archive_kind(args.recording) == KIND:
-        info = ReferenceMap.load(args.recording).info()
-        lines = {"format": "map (reference map of edge-vpr)", **info.lines}
         if args.track is not None:
             raise UsageError(
                 f"--track is of a recording, and {args.recording} is none: leave it out"
             )
+        info = ReferenceMap.load(args.recording).info()
         if args.json:
             print(json_text({"path": args.recording, "format": "map", **asdict(info)}))
-            return
-        for name, text in lines.items():
+        for name, text in {"format": "map (reference map of edge-vpr)", **info.lines}.items():
             summary(f"{name:<9} {text}")
         return
 
@@ -177,6 +175,5 @@ def _show(facts: RecordingSummary, title: str) -> None:
         "start": f"{facts.start_us:,} µs on the file's clock",
         "faults": str(facts.faults),
     }
-    for name, text in lines.items():
-        summary(f"{name:<9} {text}")
+    print_facts(lines)
     print_facts(facts.facts)
