@@ -150,8 +150,8 @@ def run(args: argparse.Namespace) -> None:
     outcome = outcome_of(reference, matches, evaluation)
     metrics["verdict"] = outcome.sentence
     write_report(
-        folder, result, outcome, formats, results.read_run(folder), lines, route,
-        warnings_so_far(), by_tolerance,
+        folder, result, outcome, formats,
+        route=route, warnings=warnings_so_far(), tolerances=by_tolerance,
     )  # fmt: skip
     write_json(folder / results.METRICS, metrics)
     if args.json:

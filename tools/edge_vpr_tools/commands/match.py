@@ -135,27 +135,25 @@ def run(args: argparse.Namespace) -> None:
     faults = describe_faults(recording)
     removed = describe_removed(result.removed, with_flags.settings)
     warn_of_few_places(args.map, result.reference)
-    facts = []
+    remarks = []
     if odometry is not None:
         along_mm = reference.along_mm
         assert along_mm is not None  # else matching refuses odometry
         route_m = length_m(along_mm / 1e3, reference.settings.window_parts)
-        facts.append(of_part(recording, odometry).beside(matches.time_us, route_m))
-    size = f"{places_text(reference)}, {reference.size_text}"
-    drives = result.facts()
+        remarks.append(of_part(recording, odometry).beside(matches.time_us, route_m))
     outcome = outcome_of(result.reference, matches)
     with results.results_folder(output, args.overwrite) as folder:
-        run = result.write(folder, inputs)
+        result.write(folder, inputs)
         if not args.no_figures:
             from edge_vpr_tools.report.traverse import write_report
 
-            write_report(folder, result, outcome, formats, run, drives, facts=facts)
+            write_report(folder, result, outcome, formats, remarks=remarks)
     if args.json:
         print(results.json_text({} if metrics is None else metrics))
     summary(f"{output}: {outcome.sentence}")
-    for fact in facts:
-        summary(fact)
-    print_facts(drives)
+    for remark in remarks:
+        summary(remark)
+    print_facts(result.facts())
     if isinstance(metrics, OnlineMetrics):
         duration_s = metrics.times_real_time * metrics.localising_s
         summary(f"{metrics.events:,} events over {duration_s:.1f} s{removed}{faults}")
@@ -166,11 +164,11 @@ def run(args: argparse.Namespace) -> None:
         _export_tracks(args.export, result.reference, matches, recording)
         return
     assert queries is not None and metrics is not None
-    summary(f"{size}{removed}{faults}")
+    summary(f"{places_text(reference)}, {reference.size_text}{removed}{faults}")
     _export_tracks(args.export, result.reference, matches, recording)
     if matrix is not None:
-        with_flags = result.reference.matched_with(matches.settings)
-        distances = query_distances(with_flags, queries, odometry)
+        matched = result.reference.matched_with(matches.settings)
+        distances = query_distances(matched, queries, odometry)
         write_npy(matrix, distances)
         summary(f"{matrix}: distances, {distances.shape[0]} places x {distances.shape[1]} queries")
     summary(
@@ -196,9 +194,6 @@ def _check_matrix(matrix: Path, inputs: list[str], args: argparse.Namespace) -> 
     if matrix.suffix != ".npy":
         raise UsageError(f"matrix {matrix} does not end in .npy: name it for example distances.npy")
     check_new_file(matrix, inputs, args.overwrite)
-
-
-# Messages on how a query fits its map.
 
 
 def _export_tracks(

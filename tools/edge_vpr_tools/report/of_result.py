@@ -101,13 +101,12 @@ def write(
     """Write a folder of results with its report; see `MatchResult.report`."""
     outcome = outcome_of(result.reference, result.matches, evaluation)
     with results_folder(folder, overwrite, result.inputs) as new:
-        run = result.write(new, result.inputs)
-        facts = result.facts(outcome.truth)
-        write_report(new, result, outcome, figures, run, facts)
+        result.write(new, result.inputs)
+        write_report(new, result, outcome, figures)
         if evaluation is not None:
             metrics = read_json(new / METRICS, "metrics", "match again")
             metrics["ground_truth"] = evaluation.truth.description
-            metrics["facts"] = facts
+            metrics["facts"] = result.facts(evaluation.truth)
             metrics["evaluation"] = evaluation.to_dict()
             metrics["verdict"] = outcome.sentence
             settings = result.matches.settings.to_dict()

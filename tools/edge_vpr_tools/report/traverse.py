@@ -16,7 +16,7 @@ from edge_vpr.evaluation.metrics import Evaluation
 from edge_vpr.match_result import MatchResult
 from edge_vpr.matching.matches import Matches
 from edge_vpr.reference_map import ReferenceMap
-from edge_vpr.results import REPORT, RunRecord
+from edge_vpr.results import REPORT, read_run
 from edge_vpr.route import Route
 from edge_vpr_tools.console import places_text
 from edge_vpr_tools.report.figures import (
@@ -58,48 +58,42 @@ def write_report(
     result: MatchResult,
     outcome: Outcome,
     formats: Sequence[str],
-    run: RunRecord,
-    drives: Mapping[str, str],
+    *,
     route: Route | None = None,
     warnings: Sequence[str] = (),
     tolerances: Mapping[str, Evaluation] = MappingProxyType({}),
-    facts: Sequence[str] = (),
+    remarks: Sequence[str] = (),
 ) -> None:
-    """Draw the figures of a results folder, and then write its page.
+    """Draw the figures of a results folder, which has its matches, and then write its page.
 
     Parameters
     ----------
     formats : sequence of str
         Of `report.FORMATS`: each figure is also written in each.
-    run : RunRecord
-        Of the match.
-    drives : mapping of str to str
-        Facts by their topics, of `MatchResult.facts`.
     route : Route, optional
         Positions of the places; without it, those that the map holds.
     warnings : sequence of str
         Of the evaluation; those of matching are in the run's record.
     tolerances : mapping of str to Evaluation
         Evaluations by their tolerance, where there are several.
-    facts : sequence of str
+    remarks : sequence of str
         Sentences about the inputs, shown below the verdict.
     """
-    truth = outcome.truth
-    described = _described(result.reference, outcome.matches)
+    truth, run = outcome.truth, read_run(folder)
     route = result.reference.route if route is None else route
     sections = _drawn(folder, formats, result, outcome, route, tolerances)
     page = Page("edge-vpr: matches of a drive")
     page.verdict(outcome.sentence)
     for text in (*(run.warnings or ()), *warnings):
         page.warning(text)
-    for text in facts:
+    for text in remarks:
         page.text(f"{text[0].upper()}{text[1:]}.")
     if truth is None:
         page.text("edge-vpr evaluate adds which matches are correct, given a ground truth.")
     else:
         page.text(f"Ground truth: {truth.description}.")
-    page.text(described)
-    page.table(("drive", "facts"), drives.items())
+    page.text(_described(result.reference, outcome.matches))
+    page.table(("drive", "facts"), result.facts(truth).items())
     for section in sections:
         if section.heading:
             page.heading(section.heading)
