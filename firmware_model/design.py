@@ -12,8 +12,7 @@ from typing import Annotated, Any, Literal, Self, get_args, get_type_hints
 
 from firmware_model.errors import DesignError
 from fixedpoint.activity import BANK_COSTS, EVENTS_TOP, GAINS, LOG_TOP, SUMS, WEIGHT_BITS
-from fixedpoint.formats import UnsignedFormat
-from fixedpoint.limits import CONTRAST_BITS, MAX_BITS
+from fixedpoint.formats import CONTRAST_BITS, MAX_BITS, UnsignedFormat
 from fixedpoint.own_mean import FULL_SCALE, MEAN_FRACTION_BITS, ContrastCode
 
 # Largest values of what a device computes, and fraction bits of its numbers.

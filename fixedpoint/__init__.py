@@ -3,10 +3,3 @@
 Modules that use this package import from its modules, so that another library of the same name
 cannot take its place.
 """
-
-from __future__ import annotations
-
-from fixedpoint.errors import FixedPointError
-from fixedpoint.formats import UnsignedFormat
-
-__all__ = ["FixedPointError", "UnsignedFormat"]

@@ -1,11 +1,22 @@
-"""Formats of unsigned integers: counters, codes, distances, metrics."""
+"""Formats of unsigned integers: counters, codes, distances, metrics; their limits and their error.
+
+It needs no NumPy, which --help therefore does not load. Each message of the error gives the value,
+what was expected, and the remedy.
+"""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from operator import index
 
-from fixedpoint.errors import FixedPointError
+#: largest number of bits of a saturating count, and of a contrast code
+MAX_BITS, CONTRAST_BITS = 16, 8
+#: largest count of 16 bits
+MAX_COUNT = 65_535
+
+
+class FixedPointError(ValueError):
+    """A format, a code or an operand does not fit the operation."""
 
 
 @dataclass(frozen=True)

@@ -16,8 +16,7 @@ from operator import index
 import numpy as np
 import numpy.typing as npt
 
-from fixedpoint.errors import FixedPointError
-from fixedpoint.limits import CONTRAST_BITS
+from fixedpoint.formats import CONTRAST_BITS, FixedPointError
 
 #: fraction bits of a logarithm: units of 1/256 octave
 LEVEL_FRACTION_BITS = 8

@@ -27,7 +27,7 @@ from firmware_model.specification import (
     window_mean,
 )
 from fixedpoint.activity import SUMS
-from fixedpoint.errors import FixedPointError
+from fixedpoint.formats import FixedPointError
 from fixedpoint.own_mean import ContrastCode, RunningMean
 from tests.filter_oracle import level_of
 from tests.streams import descriptors

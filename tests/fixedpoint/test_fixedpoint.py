@@ -9,8 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from fixedpoint.errors import FixedPointError
-from fixedpoint.formats import UnsignedFormat, packed_bytes
+from fixedpoint.formats import FixedPointError, UnsignedFormat, packed_bytes
 
 
 @given(width=st.integers(1, 40), n=st.integers(1, 10**6))
