@@ -107,8 +107,6 @@ class Localiser:
         self.settings = settings = reference.settings
         if settings.profile is None:
             raise UsageError(settings.beyond_profile)
-        if every is not None:
-            expect(every, (str, MatchSchedule), "every", "a text such as '50ms' or 'window'")
         self.every = MatchSchedule.parse(every, settings, "event")
         self._reference = reference
         self._window, length = window_of(settings), settings.windows_per_match
@@ -411,7 +409,6 @@ class Localiser:
         s, c = self.settled(), self._control
         alive = np.arange(s.bound[-1], s.bound[0]) & (s.slot.size - 1)
         arrays = {
-            "places": self.places,
             "slot": s.slot[alive],
             "time": s.time[alive],
             "bound": s.bound,

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from edge_vpr.descriptors.windows import MAX_WINDOWS
-from edge_vpr.errors import UsageError
+from edge_vpr.errors import UsageError, expect
 from edge_vpr.events import TIME_LIMIT_US
 from edge_vpr.settings import Settings, duration_us
 
@@ -70,7 +70,21 @@ class MatchSchedule:
         """
         if isinstance(when, MatchSchedule):
             return when
-        return _read_every(when or default) or cls.window(settings)
+        text = default if when is None else when
+        expect(text, str, "every", "a text such as '50ms' or 'window'")
+        if text == "window":
+            return cls.window(settings)
+        if text in ("event", "change"):
+            return cls(events=1, change=text == "change")
+        if text.isascii() and text.isdigit() and int(text) > 0:
+            return cls(events=int(text))
+        try:
+            return cls(interval_us=duration_us(text))
+        except UsageError:
+            raise UsageError(
+                f"every={text!r}: expected event, a number of events, a time such as 10ms, window, "
+                "or change"
+            ) from None
 
     def check_ticks(self, from_us: int, until_us: int) -> None:
         """Raise UsageError if time jumps over more than a million intervals."""
@@ -80,26 +94,3 @@ class MatchSchedule:
                 f"{self.interval_us} us: check the recording's clock, whose times count from the "
                 "first event in microseconds, or ask less often"
             )
-
-
-def _read_every(text: str) -> MatchSchedule | None:
-    """Parse ``event``, a number of events, a time such as ``10ms``, ``window``, or ``change``.
-
-    Returns
-    -------
-    MatchSchedule or None
-        None for ``window``, whose length depends on the map or design.
-    """
-    if text == "window":
-        return None
-    if text in ("event", "change"):
-        return MatchSchedule(events=1, change=text == "change")
-    if text.isascii() and text.isdigit() and int(text) > 0:
-        return MatchSchedule(events=int(text))
-    try:
-        return MatchSchedule(interval_us=duration_us(text))
-    except UsageError:
-        raise UsageError(
-            f"every={text!r}: expected event, a number of events, a time such as 10ms, window, "
-            "or change"
-        ) from None
