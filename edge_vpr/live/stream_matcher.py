@@ -251,14 +251,13 @@ class StreamMatcher:
         Returns
         -------
         arrays : dict of str to ndarray
-            See `Localiser.to_arrays`; without the places, which are the map's.
+            See `Localiser.to_arrays`.
         values : dict
             Of JSON.
         """
         kept = self.localiser
         assert kept is not None
         arrays = {name: array.copy() for name, array in kept.to_arrays().items()}
-        del arrays["places"]
         values = {
             "now_us": kept.now_us, "floor_us": kept.floor_us, "time_us": self._time,
             "clock": self.decoder.timestamps.to_values(), "position": self._position.to_values(),
