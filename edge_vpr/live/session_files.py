@@ -5,18 +5,22 @@ from __future__ import annotations
 import contextlib
 from collections.abc import Callable, Sequence
 from io import FileIO
+from itertools import count
 from pathlib import Path
 
+import numpy as np
+
 from edge_vpr.descriptors.counting import Removed
-from edge_vpr.errors import UsageError, as_path
+from edge_vpr.errors import UsageError, as_path, printable
+from edge_vpr.evaluation.tables import save_odometry
 from edge_vpr.events import Events, Sensor
 from edge_vpr.files import check_new_file, check_new_map, check_output, work_folder
 from edge_vpr.learning import MapUpdate
-from edge_vpr.live.new_map import make_map
 from edge_vpr.live.reader import Chunk
 from edge_vpr.live.recorder import EventWriter, check_recorded, ends_early, write_whole
 from edge_vpr.live.state import StateFile, check_state_file
 from edge_vpr.live.stream_matcher import StreamMatcher
+from edge_vpr.odometry import Odometry
 from edge_vpr.online.localiser import Localiser
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.settings import Preset, Settings, resolve_settings
@@ -215,14 +219,43 @@ class SessionFiles:
         if self._state_file is not None:
             self._state_file.release()
 
-    def make_map(self, reference: ReferenceMap | None, say: Callable[..., None]) -> None:
-        """Make the map of the drive, unless nothing came; if it makes none, the drive is kept."""
-        if self._drive is None or self._learn is None or not self._drive.exists():
+    def make_map(self, prior: ReferenceMap | None, say: Callable[..., None]) -> None:
+        """Write the map of the drive, unless nothing came; if it makes none, the drive is kept.
+
+        Parameters
+        ----------
+        prior : ReferenceMap or None
+            Map of the session. It learns the drive, if the settings have its windows, pixels and
+            codes; else the map is new.
+        say : callable
+            Takes the kind and the text of a message.
+        """
+        drive, target = self._drive, self._learn
+        if drive is None or target is None or not drive.exists():
             return
-        self.learnt, self.update, self.removed = make_map(
-            self._drive, self._learn, reference, self._of_map or resolve_settings(),
-            self._readings, say, overwrite=self._overwrite,
-        )  # fmt: skip
+        settings, odometry, update = self._of_map or resolve_settings(), None, None
+        learns = prior is not None and (
+            settings.at_places_of(prior.settings).of_map == prior.settings.of_map
+        )
+        if self._readings:
+            odometry = Odometry(
+                np.array(list(self._readings), dtype=np.int64),
+                np.array(list(self._readings.values()), dtype=np.int64),
+            )
+        try:
+            if prior is not None and learns:
+                # aligned by whole drives, whatever the settings that it was matched with
+                prior = prior.matched_with(settings)
+                update = prior.update(drive, odometry=odometry, removed=self.removed)
+                made = update.reference
+            else:
+                made = ReferenceMap.build(drive, settings, odometry=odometry, removed=self.removed)
+            made.save(target, overwrite=self._overwrite)
+            drive.unlink()
+        finally:
+            if drive.exists():
+                _keep(drive, target, odometry, say, learns=learns)
+        self.learnt, self.update = made, update
 
     def _give_up_failed(self) -> None:
         for writer in [each for each in self._writers if each.error is not None]:
@@ -235,3 +268,19 @@ class SessionFiles:
     def _give_up(self, text: str) -> None:
         self.unwritten = text
         self._say("file", f"{text}; going on without it")
+
+
+def _keep(
+    drive: Path, target: Path, odometry: Odometry | None, say: Callable[..., None], *, learns: bool
+) -> None:
+    """Keep a drive that gave no map, or that a map did not learn; say how to continue with it."""
+    stems = (target.with_name(f"{target.stem}_drive{n or ''}") for n in count())
+    kept = next(stem.with_suffix(".npz") for stem in stems if not stem.with_suffix(".npz").exists())
+    drive.replace(kept)
+    words = ["edge-vpr", "map", printable(kept), "-o", printable(target)]
+    if odometry is not None:
+        table = kept.with_suffix(".csv")
+        save_odometry(table, odometry)
+        words += ["--odometry", printable(table)]
+    new = " makes a new map of it, and adds nothing to the old one" * learns
+    say("drive", f"the drive is kept: {' '.join(words)}{new}")
