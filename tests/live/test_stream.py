@@ -27,7 +27,7 @@ from edge_vpr.live.bridge import Bridge, LineFaults, open_device_link
 from edge_vpr.live.protocols import open_decoder, open_encoder
 from edge_vpr.live.protocols.timestamps import CONFIRM
 from edge_vpr.live.session import LiveStatus, LiveStep
-from edge_vpr.live.stream_matcher import StreamMatcher
+from edge_vpr.live.stream_matcher import MOST_TICKS, StreamMatcher
 from edge_vpr.online.localiser import Localiser
 from edge_vpr.online.schedule import MatchSchedule
 from edge_vpr.recordings import open_recording, write_recording
@@ -307,15 +307,17 @@ def test_a_jump_of_the_clock_gives_one_match_and_is_counted(tells, reference, ev
     assert rows.tobytes() == expected.tobytes()
 
 
-def test_a_piece_that_spans_millions_of_ticks_is_matched_at_all_of_them(reference):
+def test_a_piece_that_spans_more_ticks_than_are_matched_at_once_is_matched_at_all_of_them(
+    reference,
+):
     events = make_events([0, 700_000, 1_400_000, 1_410_000], [1, 2, 5, 6], [3, 4, 6, 7])
-    every = MatchSchedule(interval_us=1)
+    every = MatchSchedule(interval_us=25)
     live = StreamMatcher(open_decoder("evpr", SENSOR), reference, every)
     step = live.feed(open_encoder("evpr", SENSOR).encode(events), 0)
     assert live.decoder.health.clock_jumps == 0
     times = [match.time_us for match in step.matches]
-    assert times == list(range(times[0], times[0] + len(times)))
-    assert len(times) > 1_000_000
+    assert times == list(range(times[0], 1_400_001, 25))
+    assert len(times) > 4 * MOST_TICKS
 
 
 def test_a_clock_that_is_set_back_while_silent_moves_nothing(drive):
@@ -452,21 +454,6 @@ def sent_all(link, data):
     while view:
         view = view[link.write(bytes(view), 1) :]
         assert time.monotonic() < end
-
-
-@pytest.mark.parametrize(
-    ("words", "says"),
-    [
-        (["--learn"], "belong together"),
-        ([], "pass --sensor WIDTHxHEIGHT or --map"),
-        (["--sensor", "4x4", "--protocol", "x"], "choose one of evpr"),
-        (["--sensor", "4x4", "--record", "a.npz", "--record", "b.npz"], "one file of events"),
-        (["--sensor", "4x4", "--baud", "0"], "expected the speed of a serial port"),
-        (["--map", "map.npz", "--counter-bits", "4"], "--counter-bits belongs to making a map"),
-    ],
-)
-def test_wrong_use_of_stream_is_one_line(words, says, refused):
-    assert says in refused("stream", "--port", "/dev/null0", "--protocol", "evpr", *words)
 
 
 def test_what_is_read_is_never_written_over(drive, sent, streamed):
@@ -661,14 +648,6 @@ def test_a_device_over_udp_needs_no_greeting_and_loses_nothing_unsaid(drive, tmp
     health = json.loads(run.stop().splitlines()[-1])
     assert health["bytes"] <= bridge.sent_bytes
     assert health["events"] > 30_000
-
-
-@pytest.mark.parametrize(
-    ("speed", "says"),
-    [("-1", "give 1 for real time"), ("nan", "finite number"), ("inf", "finite number")],
-)
-def test_a_speed_that_makes_no_sense_is_refused(speed, says, drive, refused):
-    assert says in refused("bridge", drive / "query.npz", f"--speed={speed}")
 
 
 def step_of(result, late_s=0.0):

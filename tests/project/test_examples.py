@@ -319,21 +319,6 @@ def test_a_map_is_put_into_the_flash_of_a_board_alone(street, tmp_path, run):
     assert f"#define MAP_RAM_BYTES {ram}U" in (tmp_path / "map.h").read_text("ascii")
 
 
-@pytest.mark.parametrize(
-    ("words", "says"),
-    [
-        (["map.bin", "--address", "0x08000000"], "--address 0x08000000 is for an output .hex"),
-        (["map.hex", "--address", "0x08000008"], "expected a multiple of 16"),
-        (["map.hex", "--address", "flash"], "--address flash: expected a multiple of 16"),
-        (["map.hex", "--address", "0xFFFFFFF0"], "bytes would end beyond 32 bits"),
-    ],
-)
-def test_a_map_that_cannot_lie_there_is_not_written(street, tmp_path, refused, words, says):
-    name, *flags = words
-    assert says in refused("convert", street / "map.npz", tmp_path / name, *flags)
-    assert list(tmp_path.iterdir()) == []
-
-
 def test_firmware_without_a_map_says_what_to_name(tmp_path):
     need("make")
     command = ["make", "-C", str(M4), f"OUT={tmp_path}"]

@@ -5,53 +5,89 @@ Nothing here is imported from the readers: the two state the formats independent
 
 from __future__ import annotations
 
+import sqlite3
 import struct
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 Event = tuple[int, int, int, bool]
+EVT_WORDS = {"evt2": "<u4", "evt21": "<u8", "evt3": "<u2"}
 
 
-def decode_evt2(data: bytes) -> list[Event]:
-    """Events of EVT 2.0 words; its clock does not wrap within 4 hours."""
-    events, high = [], None
-    for (word,) in struct.iter_unpack("<I", data):
-        kind, low, x, y = word >> 28, word >> 22 & 63, word >> 11 & 2047, word & 2047
+class PlainDecoder:
+    """The meaning of EVT words, one after another."""
+
+    def __init__(self, encoding):
+        self.encoding, self.undated = encoding, 0
+        self.base = self.stride = self.polarity = 0
+        self.before = -1
+        self.lose()
+
+    def lose(self):
+        self.high = self.low = self.row = self.first = -1
+
+    def decode(self, words):
+        step = self._evt3 if self.encoding == "evt3" else self._evt2
+        return [event for word in words.tolist() for event in step(word)]
+
+    def _evt2(self, word):
+        columns = [0]
+        if self.encoding == "evt21":
+            columns = [bit for bit in range(32) if word >> bit & 1]
+            word >>= 32
+        kind = word >> 28
         if kind == 8:
             high = word & 0xFFFFFFF
-        elif kind in (0, 1) and high is not None:
-            events.append((high * 64 + low, x, y, kind == 1))
-    return events
+            step = (high - self.before + (1 << 27)) % (1 << 28) - (1 << 27)
+            self.base = high if self.before < 0 else self.base + step
+            self.high = self.before = high
+        if kind > 1 or self.high < 0:
+            self.undated += len(columns) * (kind < 2)
+            return []
+        time, x, y = self.base * 64 + (word >> 22 & 63), word >> 11 & 2047, word & 2047
+        return [(time, x + column, y, kind == 1) for column in columns]
 
-
-def decode_evt3(data: bytes) -> list[Event]:
-    """Events of EVT 3.0 words; the clock wraps every 16.8 s."""
-    events: list[Event] = []
-    high = low = y = base = polarity = wraps = 0
-    dated = False
-    for (word,) in struct.iter_unpack("<H", data):
-        kind, value = word >> 12, word & 0xFFF
+    def _evt3(self, word):
+        kind, value = word >> 12, word & 4095
+        events, x = [], value & 2047
         if kind == 0:
-            y = value & 2047
+            self.row = value & 2047
+        elif kind == 2:
+            events = [(x, value > 2047)]
         elif kind == 3:
-            base, polarity = value & 2047, value >> 11
-        elif kind == 6:
-            low = value
-        elif kind == 8:
-            if dated and high - value > 2048:
-                wraps += 1
-            high, dated = value, True
-        t = (wraps * 4096 + high) * 4096 + low
-        if kind == 2 and dated:
-            events.append((t, value & 2047, y, value >> 11 == 1))
+            self.first, self.polarity = x, value > 2047
         elif kind in (4, 5):
-            for bit in range(12 if kind == 4 else 8):
-                if value >> bit & 1 and dated:
-                    events.append((t, base + bit, y, polarity == 1))
-            base += 12 if kind == 4 else 8
-    return events
+            width = 12 if kind == 4 else 8
+            on = [bit for bit in range(width) if value >> bit & 1]
+            events = [(self.first + bit, self.polarity) for bit in on]
+            if self.first < 0:
+                self.undated += len(events)
+                return []
+            self.first = min(self.first + width, 2048)
+        elif kind == 6 and self.high >= 0:
+            self.low = value
+        elif kind == 8 and value != self.high:
+            self._turn(value)
+            self.high = self.before = value
+            self.low = min(self.low, 0)
+        if self.high < 0 or self.low < 0 or self.row < 0:
+            self.undated += len(events)
+            return []
+        return [(self.base * 4096 + self.low, x, self.row, bool(p)) for x, p in events]
+
+    def _turn(self, high):
+        if self.before < 0:
+            self.base, self.stride = high, 1024
+            return
+        step = high - self.before
+        if step >= 4086:
+            step -= 4096
+        elif step <= max(10, 2 * self.stride) - 4096:
+            step += 4096
+        self.base += step
+        step = min(step, 2 * self.stride + 16, 1024)
+        self.stride = max(step, self.stride - (self.stride + 15) // 16)
 
 
 def encode_evt3(events: list[Event], vectors: bool = False) -> bytes:
@@ -121,24 +157,6 @@ def aedat3_polarity(
     return aedat3_packet(1, words, 4, wraps, source)
 
 
-def aedat3_frame(
-    exposure: tuple[int, int],
-    pixels: np.ndarray,
-    *,
-    position: tuple[int, int] = (0, 0),
-    roi: int = 0,
-    valid: bool = True,
-    spare: int = 0,
-) -> bytes:
-    """Frame event of 16-bit pixels, grey or RGB(A), with room for more pixels behind them."""
-    height, width = pixels.shape[:2]
-    channels = 1 if pixels.ndim == 2 else pixels.shape[2]
-    begin, end = exposure
-    info = roi << 8 | channels << 1 | valid
-    head = struct.pack("<I8i", info, begin - 9, end + 9, begin, end, width, height, *position)
-    return head + pixels.astype("<u2").tobytes() + bytes(2 * spare)
-
-
 def event_array(events: list[Event], width: int, height: int, ros: int) -> bytes:
     """`dvs_msgs/EventArray`, serialised; the events' times are microseconds since 1970."""
     out = bytearray()
@@ -176,6 +194,19 @@ def event_packet(encoding: str, payload: bytes, width: int, height: int, base_ns
     head += struct.pack("<I", len(name)) + name + b"\0"
     head += bytes(-len(head) % 4) + struct.pack("<I", len(payload)) + payload
     return b"\0\1\0\0" + head
+
+
+def payloads(folder: Path) -> Iterator[bytes]:
+    """What the packets of a bag of ROS 2 hold, straight out of its database."""
+    with sqlite3.connect(f"file:{next(folder.glob('*.db3'))}?mode=ro", uri=True) as database:
+        rows = database.execute("select data from messages order by timestamp").fetchall()
+    database.close()
+    for (data,) in rows:
+        name = data.index(b"evt3\0") if b"evt3\0" in data[:120] else data.index(b"libcaer\0")
+        at = data.index(b"\0", name) + 2  # the name's end, then the byte order
+        at += -(at - 4) % 4
+        (n,) = struct.unpack_from("<I", data, at)
+        yield data[at + 4 : at + 4 + n]
 
 
 def write_bag(

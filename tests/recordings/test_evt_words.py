@@ -10,83 +10,7 @@ from hypothesis import strategies as st
 from edge_vpr.events import Sensor
 from edge_vpr.live.protocols import open_decoder
 from edge_vpr.recordings.prophesee import EVT2_KINDS, EVT3_KINDS, EvtWordDecoder
-
-ENCODINGS = {"evt2": "<u4", "evt21": "<u8", "evt3": "<u2"}
-
-
-class PlainDecoder:
-    """The meaning of the words, one after another."""
-
-    def __init__(self, encoding):
-        self.encoding, self.undated = encoding, 0
-        self.base = self.stride = self.polarity = 0
-        self.before = -1
-        self.lose()
-
-    def lose(self):
-        self.high = self.low = self.row = self.first = -1
-
-    def decode(self, words):
-        step = self._evt3 if self.encoding == "evt3" else self._evt2
-        return [event for word in words.tolist() for event in step(word)]
-
-    def _evt2(self, word):
-        columns = [0]
-        if self.encoding == "evt21":
-            columns = [bit for bit in range(32) if word >> bit & 1]
-            word >>= 32
-        kind = word >> 28
-        if kind == 8:
-            high = word & 0xFFFFFFF
-            step = (high - self.before + (1 << 27)) % (1 << 28) - (1 << 27)
-            self.base = high if self.before < 0 else self.base + step
-            self.high = self.before = high
-        if kind > 1 or self.high < 0:
-            self.undated += len(columns) * (kind < 2)
-            return []
-        time, x, y = self.base * 64 + (word >> 22 & 63), word >> 11 & 2047, word & 2047
-        return [(time, x + column, y, kind == 1) for column in columns]
-
-    def _evt3(self, word):
-        kind, value = word >> 12, word & 4095
-        events, x = [], value & 2047
-        if kind == 0:
-            self.row = value & 2047
-        elif kind == 2:
-            events = [(x, value > 2047)]
-        elif kind == 3:
-            self.first, self.polarity = x, value > 2047
-        elif kind in (4, 5):
-            width = 12 if kind == 4 else 8
-            on = [bit for bit in range(width) if value >> bit & 1]
-            events = [(self.first + bit, self.polarity) for bit in on]
-            if self.first < 0:
-                self.undated += len(events)
-                return []
-            self.first = min(self.first + width, 2048)
-        elif kind == 6 and self.high >= 0:
-            self.low = value
-        elif kind == 8 and value != self.high:
-            self._turn(value)
-            self.high = self.before = value
-            self.low = min(self.low, 0)
-        if self.high < 0 or self.low < 0 or self.row < 0:
-            self.undated += len(events)
-            return []
-        return [(self.base * 4096 + self.low, x, self.row, bool(p)) for x, p in events]
-
-    def _turn(self, high):
-        if self.before < 0:
-            self.base, self.stride = high, 1024
-            return
-        step = high - self.before
-        if step >= 4086:
-            step -= 4096
-        elif step <= max(10, 2 * self.stride) - 4096:
-            step += 4096
-        self.base += step
-        step = min(step, 2 * self.stride + 16, 1024)
-        self.stride = max(step, self.stride - (self.stride + 15) // 16)
+from tests.recordings.recording_files import EVT_WORDS, PlainDecoder
 
 
 def random_words(encoding, rng, n):
@@ -106,10 +30,10 @@ def random_words(encoding, rng, n):
     if encoding == "evt21":
         valid = rng.integers(0, 1 << 32, n) & rng.integers(0, 1 << 32, n)
         word = word << np.uint64(32) | valid.astype(np.uint64)
-    return word.astype(ENCODINGS[encoding])
+    return word.astype(EVT_WORDS[encoding])
 
 
-@pytest.mark.parametrize("encoding", ENCODINGS)
+@pytest.mark.parametrize("encoding", EVT_WORDS)
 @given(seed=st.integers(0, 1 << 32), n=st.sampled_from([1, 5, 60, 3_000]))
 def test_any_words_have_the_meaning_that_plain_python_gives_them(encoding, seed, n):
     """However they are cut, also behind a loss, and over more words than a block has."""
@@ -139,7 +63,7 @@ def is_whole(encoding, word, sensor):
     return word == 0x99999999 or (inside if kind < 2 else kind in EVT2_KINDS)
 
 
-@pytest.mark.parametrize("encoding", ENCODINGS)
+@pytest.mark.parametrize("encoding", EVT_WORDS)
 @given(seed=st.integers(0, 1 << 32), n=st.sampled_from([200, 9_000]))
 def test_a_line_is_decoded_up_to_the_first_word_that_no_camera_sends(encoding, seed, n):
     rng = np.random.default_rng(seed)

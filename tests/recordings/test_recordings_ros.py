@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sqlite3
 import struct
 import tempfile
 from itertools import pairwise
@@ -276,22 +275,10 @@ def test_a_damaged_compressed_bag_is_one_line_that_names_the_file(damage, tmp_pa
 # --- real bags --------------------------------------------------------------------------------
 
 
-def payloads(folder):
-    """What the packets of a bag hold, straight out of its database."""
-    with sqlite3.connect(f"file:{next(folder.glob('*.db3'))}?mode=ro", uri=True) as database:
-        rows = database.execute("select data from messages order by timestamp").fetchall()
-    database.close()
-    for (data,) in rows:
-        name = data.index(b"evt3\0") if b"evt3\0" in data[:120] else data.index(b"libcaer\0")
-        at = data.index(b"\0", name) + 2  # the name's end, then the byte order
-        at += -(at - 4) % 4
-        (n,) = struct.unpack_from("<I", data, at)
-        yield data[at + 4 : at + 4 + n]
-
-
 def test_a_real_bag_of_evt3_is_what_a_plain_decoder_makes_of_it(shared_data):
     folder = shared_data / "recordings" / "ros2_evt3_trigger"
-    expected = files.decode_evt3(b"".join(payloads(folder)))
+    words = np.frombuffer(b"".join(files.payloads(folder)), files.EVT_WORDS["evt3"])
+    expected = files.PlainDecoder("evt3").decode(words)
     recording = open_recording(folder)
     events = join_events(list(recording))
     events.t += expected[0][0]
@@ -302,7 +289,7 @@ def test_a_real_bag_of_evt3_is_what_a_plain_decoder_makes_of_it(shared_data):
 def test_a_real_bag_of_libcaer_is_read_beyond_the_wrap_of_its_31_bits(shared_data):
     folder = shared_data / "recordings" / "ros2_libcaer_rollover"
     expected, wraps, last = [], 0, 0
-    for payload in payloads(folder):
+    for payload in files.payloads(folder):
         for word, t in struct.iter_unpack("<Ii", payload):
             wraps += t < last - (1 << 30)
             last = t

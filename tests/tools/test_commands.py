@@ -129,34 +129,6 @@ def test_matches_online_say_what_the_localiser_says(drive, tmp_path, every, run)
         assert place.tolist() == (batch.place + 1 - 2 // 2).tolist()
 
 
-MATCH = "match {d}/map.npz {d}/query.npz -o"
-MAP = "map {d}/reference.npz -o {t}/map.npz"
-
-
-@pytest.mark.parametrize(
-    ("line", "code", "says"),
-    [
-        (f"{MATCH} {{t}}/results --online --every day", 2, "expected event, a number of"),
-        (f"{MATCH} {{t}}/results -L 99", 2, "sequence length 99 is longer than the"),
-        (f"{MATCH} {{d}}/results", 2, "exists: name another, or replace it"),
-        ("match {d}/query.npz {d}/query.npz -o {t}/results", 1, "reference map"),
-        (f"{MATCH} {{t}}/results --every 10ms", 2, "add --online"),
-        (f"{MATCH} {{t}}/results --matrix {{t}}/d.txt", 2, "does not end in .npy"),
-        (f"{MAP} --pixels 50 --strategy seed-code --tau 100ms", 2, "pixels can be drawn before"),
-        (f"{MAP} --tau 1h", 2, "expected a time such as 1s"),
-        (f"{MAP} --tau 60s", 2, "shorter than one window of 60 s"),
-        (f"{MAP} --strategy best", 2, "choose from 'variance'"),
-        ("map {d}/reference.npz -o {d}/map.npz", 2, "exists: name another"),
-        ("map {t}/none.npz -o {t}/map.npz", 1, "none.npz"),
-        ("evaluate {t}/none --ground-truth x.npy --rows query", 1, "run edge-vpr match first"),
-        ("evaluate {d}/results --ground-truth x.npy", 2, "whether its rows are reference or query"),
-    ],
-)
-def test_wrong_use_is_one_line_and_leaves_nothing(line, code, says, drive, refused, tmp_path):
-    assert says in refused(*line.format(d=drive, t=tmp_path).split(), code=code)
-    assert not list(tmp_path.iterdir())
-
-
 def test_only_a_folder_of_our_results_is_replaced_when_told(drive, tmp_path, run, refused):
     words = ["match", drive / "map.npz", drive / "query.npz", "--no-figures", "-o"]
     run(*words, tmp_path / "results")

@@ -543,30 +543,6 @@ def test_a_target_of_ones_own(tmp_path):
         targets.find("cray-1")
 
 
-@pytest.mark.parametrize(
-    ("arguments", "says"),
-    [
-        *(
-            (["--fit", wrong], "expected memory, such as 64KiB")
-            for wrong in ("10", "0KiB", "3 apples", "5mW", "rom=3KiB")
-        ),
-        *(
-            (["--fit", one, "--fit", two], "one limit each of flash, RAM, and both together")
-            for one, two in (("512KiB", "128KiB"), ("ram=4KiB", "RAM=8kB"))
-        ),
-        (["--map", "a.npz", "--pixels", "9"], "leave it out"),
-        (["--event-rate", "nan"], "not a finite number"),
-        (["--event-rate", "100k"], "write its digits, such as 25, 0.5 or 1e5"),
-        (["--pixels", "0"], "pixels = 0"),
-        (["--event-rate", "-1"], "expected a rate"),
-        (["--map", "a.npz", "--design", "b.toml"], "give only one"),
-    ],
-)
-def test_bad_use_is_one_line(refused, arguments, says):
-    """What was wrong, with which value, and what to do."""
-    assert says in refused("estimate", *arguments)
-
-
 def test_the_page_says_what_the_ice40_takes_besides_the_work():
     """Static power and a running clock, and what its SPI line carries."""
     design, mission = workload_of(parsed([]))[:2]

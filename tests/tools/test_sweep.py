@@ -483,11 +483,6 @@ def test_no_title_of_a_comparison_is_cut():
     assert title.y1 <= drawing.bbox.height
 
 
-def test_wrong_use_of_workers_is_refused(plan_file, tmp_path, refused):
-    words = f"sweep {plan_file} -o {tmp_path}/out.csv --workers 2 --scheduler tcp://x:1"
-    assert "leave one out" in refused(*words.split())
-
-
 def test_a_sweep_judges_by_several_tolerances_and_matches_once(plan_file, tmp_path, sweep):
     one = plan_file.read_text()
     plan_file.write_text(one.replace("tolerance = 0.2", "tolerance = [0.2, 0.35]"))
