@@ -23,7 +23,7 @@ fail() {
 
 kernels="distances sequence"
 elsewhere="board documents evpr_firmware examples firmware hardware in_debian packages publishing
-    report_pages rooms security settings_page site sweep"
+    report_pages rooms security site sweep"
 # these start many processes, and qemu translates each anew
 commands="command_line commands doctor estimate event_lab every_flag power recordings_commands rivals
     runs simulate_command"

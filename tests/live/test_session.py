@@ -30,7 +30,7 @@ from edge_vpr.live.links import LinkError
 from edge_vpr.live.position import Locator, PathPosition
 from edge_vpr.live.protocols import Health, open_encoder
 from edge_vpr.live.watches import LagWatch, MisfitWatch
-from edge_vpr.recordings import open_recording, write_recording
+from edge_vpr.recordings import open_recording
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.route import Route
 from edge_vpr.settings import Settings
@@ -39,16 +39,6 @@ from tests.live.devices import DEVICES, play, sent_by
 from tests.streams import Drive, matched_live, random_events, split_events
 
 ROOT = Path(__file__).parents[2]
-
-
-@pytest.fixture(scope="module")
-def street(tmp_path_factory):
-    """A street, its map with positions and default settings, and another drive on it."""
-    folder = tmp_path_factory.mktemp("street")
-    first, second = simulate_pair(seed=0, length_m=200.0)
-    ReferenceMap.build(first, track=first.track).save(folder / "map.npz")
-    write_recording(folder / "query.npz", second)
-    return folder, join_events(list(second)), second.track
 
 
 #: The rover's program, which says each new speed and when it has stopped.
@@ -127,7 +117,7 @@ class Rover:
 )
 def test_a_rover_stops_near_its_goal(caches, speed, faults, back_m, places, street, tmp_path):
     """Where kernels are compiled, on a damaged line, and carried back to drive a part twice."""
-    folder, events, track = street
+    map_path, events, track = street
     off_us, goal_m = 0, 120 if not back_m else 140
     if back_m:
         metres = track.at(events["t"])[:, 0]
@@ -136,10 +126,10 @@ def test_a_rover_stops_near_its_goal(caches, speed, faults, back_m, places, stre
         again.t -= off_us
         events = join_events([first, again])
     more = {"NUMBA_CACHE_DIR": str(tmp_path)} if caches == "cold" else {}
-    rover = Rover(folder / "map.npz", events, goal_m, speed, faults, **more)
+    rover = Rover(map_path, events, goal_m, speed, faults, **more)
     assert "None" not in rover.wait_for("reached")
     stopped_m = track.at(np.array([rover.close() + off_us]))[0, 0]
-    along_m = ReferenceMap.load(folder / "map.npz").route.along_m
+    along_m = ReferenceMap.load(map_path).route.along_m
     assert abs(stopped_m - goal_m) <= places * np.diff(along_m).max()
 
 
@@ -147,8 +137,8 @@ def test_a_rover_stops_near_its_goal(caches, speed, faults, back_m, places, stre
 @pytest.mark.alone
 def test_a_rover_whose_camera_falls_silent_stops_at_once(street):
     """The port stays, as where a firmware hangs."""
-    folder, events, _ = street
-    rover = Rover(folder / "map.npz", events, 1_000, 2.0)
+    map_path, events, _ = street
+    rover = Rover(map_path, events, 1_000, 2.0)
     rover.wait_for("1.0")
     rover.bridge.stopping.set()
     silent_s = time.monotonic()
@@ -161,10 +151,10 @@ def test_a_rover_whose_camera_falls_silent_stops_at_once(street):
 @pytest.mark.alone
 def test_a_rover_that_knows_no_place_does_not_drive_on(street):
     """As on a street that is not the map's; it has not heard all of it when it ends."""
-    folder, _, _ = street
+    map_path, _, _ = street
     other, _ = simulate_pair(seed=5, length_m=200.0)
     events = join_events(list(other))
-    rover = Rover(folder / "map.npz", events, 1_000, 2.0, limits={"SURE": 1.1, "BLIND_M": 0.5})
+    rover = Rover(map_path, events, 1_000, 2.0, limits={"SURE": 1.1, "BLIND_M": 0.5})
     said = rover.run.stdout.read().split()
     assert rover.bridge.sent_events < events.size
     assert said[-2:] == ["0.2", "0.0"]
@@ -175,8 +165,8 @@ def test_a_rover_that_knows_no_place_does_not_drive_on(street):
 @pytest.mark.alone
 def test_a_rover_stands_while_matches_come_late(street):
     """Here since its host stood for 3 s; it drives on with the matches of now."""
-    folder, events, _ = street
-    rover = Rover(folder / "map.npz", events, 1_000, 2.0)
+    map_path, events, _ = street
+    rover = Rover(map_path, events, 1_000, 2.0)
     rover.wait_for("1.0")
     rover.run.send_signal(signal.SIGSTOP)
     time.sleep(3)
@@ -642,14 +632,13 @@ def test_a_known_route_is_matched_while_a_map_with_other_settings_is_made(route,
 
 def test_a_known_map_learns_the_drive_that_it_is_matched_with(street, tmp_path, run):
     """As it does from a recording, with its own settings, and not those of matching live."""
-    folder, target = street[0], tmp_path / "learnt.npz"
-    events, sent = join_events(list(open_recording(folder / "query.npz"))), tmp_path / "sent.bin"
-    reference = ReferenceMap.load(folder / "map.npz")
+    (map_path, events, _), target, sent = street, tmp_path / "learnt.npz", tmp_path / "sent.bin"
+    reference = ReferenceMap.load(map_path)
     sensor = reference.pixel_map.sensor
     write_sent(sent, Drive(events, sensor), sensor)
-    words = ["stream", "--port", sent, "--protocol", "evpr", "--map", folder / "map.npz"]
+    words = ["stream", "--port", sent, "--protocol", "evpr", "--map", map_path]
     shown = run(*words, "--learn", "-o", target).out
-    expected = reference.update(folder / "query.npz")
+    expected = reference.update(map_path.with_name("query.npz"))
     assert ReferenceMap.load(target) == expected.reference != reference
     places = f"{len(reference)} places (at half windows) at 150 pixels"
     assert f"{target}: {places}; {expected}" in shown
@@ -669,7 +658,7 @@ def test_a_known_map_learns_the_drive_that_it_is_matched_with(street, tmp_path, 
 
 def test_a_precision_marks_the_matches_below_it_as_lost(street, tmp_path):
     """As for a recording; without one, no match is ever lost."""
-    reference, query = ReferenceMap.load(street[0] / "map.npz"), street[0] / "query.npz"
+    reference, query = ReferenceMap.load(street[0]), street[0].with_name("query.npz")
     sent = write_sent(tmp_path / "sent.bin", open_recording(query), reference.pixel_map.sensor)
     lost = {}
     for changes in ({}, {"precision": 0.9}):
@@ -709,18 +698,6 @@ def test_files_are_looked_at_before_the_link_is_opened(files, says, tmp_path, mo
     Path("here.npz").touch()
     with pytest.raises(UsageError, match=says):
         LiveSession("/dev/null0", protocol="evpr", sensor=SENSOR, files=SessionFiles(**files))
-
-
-def test_a_map_of_a_larger_sensor_than_the_streams_is_a_warning(route, tmp_path):
-    """Without `sensor=`, the stream is taken to be of the map's sensor."""
-    sensor, said = Sensor(32, 24), []
-    events = random_events(np.random.default_rng(0), 9_000, sensor, 1_000_000)
-    link = write_sent(tmp_path / "sent.bin", events, sensor)
-    with LiveSession(link, protocol="evpr", reference=route, on_message=said.append) as session:
-        for _ in session:
-            pass
-    (text,) = (message.text for message in said if message.kind == "device")
-    assert "sensor is smaller than 64x48" in text and "use the map of this camera" in text
 
 
 @pytest.mark.parametrize(
@@ -864,7 +841,7 @@ def test_a_camera_that_has_not_begun_does_not_stall(query, monkeypatch):
 
 def test_another_place_is_counted_in_the_health(street, tmp_path):
     """The query in a mirror is no place of the map."""
-    reference, events = ReferenceMap.load(street[0] / "map.npz"), street[1].copy()
+    reference, events = ReferenceMap.load(street[0]), street[1].copy()
     sensor = reference.pixel_map.sensor
     events.x = sensor.width - 1 - events["x"]
     sent = write_sent(tmp_path / "sent.bin", Drive(events, sensor), sensor)

@@ -17,7 +17,7 @@ from edge_vpr import Line, LiveSession, SessionFiles
 from edge_vpr import archive as archive_module
 from edge_vpr.archive import SCHEMA_VERSION, read_archive, write_archive
 from edge_vpr.errors import UsageError
-from edge_vpr.events import Sensor, join_events
+from edge_vpr.events import Sensor
 from edge_vpr.live import state as state_module
 from edge_vpr.live.bridge import VirtualLink, open_device_link
 from edge_vpr.live.protocols import open_decoder, open_encoder
@@ -28,24 +28,13 @@ from edge_vpr.online import localiser as localiser_module
 from edge_vpr.online.localiser import Localiser
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.simulation import simulate_pair
+from tests.live.conftest import street_of
 from tests.live.devices import DEVICES, play, sent_by
 from tests.streams import Drive, split_events
 
 ROOT = Path(__file__).parents[2]
 SENSOR = Sensor(128, 128)
 TYPICAL = [(each.host, each.sends) for each in DEVICES if each.typical]
-
-
-def street_of(folder, length_m):
-    """The file of a map with default settings, and another drive."""
-    first, second = simulate_pair(seed=0, length_m=length_m)
-    ReferenceMap.build(first, track=first.track).save(folder / "map.npz")
-    return folder / "map.npz", join_events(list(second)), second.track
-
-
-@pytest.fixture(scope="module")
-def street(tmp_path_factory):
-    return street_of(tmp_path_factory.mktemp("street"), 200.0)
 
 
 def played(events, state, path, host="evpr", device="evpr", speed=0.0, overwrite=False, **changes):
@@ -81,7 +70,8 @@ def test_a_session_goes_on_where_the_one_before_was(host, device, clock, street,
     late = between(events, 20, 24)
     true_m = track.at(late["t"][-1:])[0, 0]
     late.t -= late["t"][0] if clock == "restarts" else 0
-    matches, (said,) = played(late, tmp_path / "run.state", path, host, device, speed=4.0)
+    speed = 4.0 if clock == "restarts" else 0.0
+    matches, (said,) = played(late, tmp_path / "run.state", path, host, device, speed)
     assert "goes on" in said
     assert matches[0].time_s > before[-1].time_s
     assert matches[0].missing == 1.0

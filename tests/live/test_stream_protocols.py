@@ -332,6 +332,7 @@ def test_evpr_frames_of_a_smaller_sensor_are_noticed(size, smaller):
     decoder = open_decoder("evpr", SENSOR)
     decoder.feed(open_encoder("evpr", Sensor(*size)).start())
     assert ("sensor is smaller than 128x128" in decoder.remark) == smaller
+    assert ("use the map of this camera" in decoder.remark) == smaller
 
 
 def plain_evpr(frame):
@@ -608,18 +609,10 @@ WITHOUT_CHECKSUM = (
 @pytest.mark.parametrize("protocol", WITHOUT_CHECKSUM)
 def test_a_damaged_line_does_not_make_the_clock_run_ahead_of_the_hosts(protocol, kind, rate):
     """Each damaged time counted as a wrap: 16-bit times ran up to six times too fast."""
-    sensor, span_us = Sensor(128, 128), 4_000_000
-    rng = np.random.default_rng(7)
-    encoder = open_encoder(protocol, sensor)
-    sent = np.frombuffer(encoder.encode(random_events(rng, 200_000, sensor, span_us)), np.uint8)
-    hit = np.flatnonzero(rng.random(sent.size) < rate)
-    noise = rng.integers(0, 256, hit.size).astype(np.uint8)
-    sent = sent.copy()
-    if kind == "flip":
-        sent[hit] = noise
-    else:
-        sent = np.delete(sent, hit) if kind == "drop" else np.insert(sent, hit, noise)
-    data, decoder = sent.tobytes(), open_decoder(protocol, sensor)
+    rng, span_us = np.random.default_rng(7), 4_000_000
+    sent = open_encoder(protocol, SENSOR).encode(random_events(rng, 200_000, SENSOR, span_us))
+    data, _ = corrupt(rng, sent, kind, rate)
+    decoder = open_decoder(protocol, SENSOR)
     decoder.live = True
     end_us, count = 0, 0
     for at in range(0, len(data), 2_000):

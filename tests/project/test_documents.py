@@ -6,6 +6,7 @@ import csv
 import json
 import os
 import re
+import runpy
 import shlex
 import subprocess
 import tomllib
@@ -273,6 +274,14 @@ def test_the_tutorial_runs_word_for_word_and_prints_what_it_says(tmp_path, monke
 def test_tables_of_pages_are_those_of_the_files_that_they_name(page):
     text = (ROOT / page).read_text()
     assert with_tables(text, ROOT / "docs") == text, "run python tools/site/tables.py"
+
+
+def test_the_table_of_settings_is_made_from_the_settings():
+    """If not: python tools/site/settings_page.py."""
+    made = runpy.run_path(str(ROOT / "tools/site/settings_page.py"))
+    text = (ROOT / "docs/settings.md").read_text(encoding="utf-8")
+    assert made["table"]() in text
+    assert made["with_table"](text) == text
 
 
 def test_every_picture_and_table_of_docs_is_on_a_page():

@@ -386,18 +386,16 @@ def run_child(inputs: Mutants | Kept, folder: Path, indices: range, pipe: int) -
 class Tally:
     """How inputs went, in all and by name."""
 
-    def __init__(self, inputs: Mutants | Kept, keep: Path | None) -> None:
-        self._inputs, self._keep = inputs, keep
+    def __init__(self, inputs: Mutants | Kept) -> None:
+        self._inputs = inputs
         self.counts: Counter[str] = Counter()
 
     def add(self, index: int, outcome: str) -> None:
-        """Count one input; print and keep it if it failed."""
+        """Count one input; print it if it failed."""
         kind, name = outcome.split(":")[0], self._inputs.name(index)
         self.counts.update((kind, f"{name} {kind}"))
         if kind == "failed":
             print(f"input {index} ({name}) {outcome}", flush=True)
-            if self._keep is not None:
-                self._inputs.write(index, self._keep / str(index))
 
     def show(self) -> None:
         """Print a line a name."""
@@ -462,14 +460,10 @@ def main() -> int:
     """Run, print what happened by format, and return 1 if anything failed."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--inputs", type=int, default=1_000, metavar="N")
-    parser.add_argument("--first", type=int, default=0, metavar="I", help="first input's number")
     parser.add_argument("--seed", type=int, default=0, metavar="S")
     parser.add_argument("--only", type=int, metavar="I", help="read one input in this process")
-    parser.add_argument("--keep", type=Path, metavar="FOLDER", help="keep inputs that failed here")
     parser.add_argument("--files", type=Path, nargs="+", help="read these, and no mutations")
     args = parser.parse_args()
-    if args.keep is not None:
-        args.keep.mkdir(parents=True, exist_ok=True)
     # files in memory, where the system has a folder of it: each is written once and read twice
     memory = "/dev/shm" if os.access("/dev/shm", os.W_OK) else None
     with tempfile.TemporaryDirectory(dir=memory) as folder:
@@ -487,10 +481,8 @@ def main() -> int:
             return 0
         warm_up(seeds)
         begin = time.monotonic()
-        indices = range(args.first, args.first + args.inputs)
-        if args.files:
-            indices = range(len(args.files))
-        tally = Tally(inputs, args.keep)
+        indices = range(len(args.files) if args.files else args.inputs)
+        tally = Tally(inputs)
         run(inputs, work, indices, tally)
         tally.show()
         total = ", ".join(f"{tally.counts[kind]:,} {kind}" for kind in KINDS)

@@ -296,17 +296,6 @@ def test_one_table_has_matches_per_joule_by_the_rate_of_events(run):
     assert rows_of(shown)["cortex-m0plus"][5:] == ["slow"] * 3 and "slow: the" in joined(shown)
 
 
-def test_the_energy_of_a_match_is_that_of_events_window_and_search():
-    """By hand: each unit's energy times its rate, over the matches."""
-    design, mission = workload_of(parsed([]))[:2]
-    costs = cost(design, targets.find("cortex-m4"), replace(mission, matches_per_s=2.0))
-    rates = {"selected event": 166.7, "other event": 99833.3, "window": 2.0, "search": 2.0}
-    by_hand = sum(costs.energy_j[unit].central * rate for unit, rate in rates.items()) / 2
-    assert costs.per_match_j.central == pytest.approx(by_hand, rel=1e-3)
-    assert costs.matches_per_joule.central == pytest.approx(1 / costs.per_match_j.central)
-    assert costs.matches_per_joule.low == pytest.approx(1 / costs.per_match_j.high)
-
-
 def test_windows_of_a_number_of_events_end_more_often_at_a_higher_rate():
     """The energy of a match is then that of as many events."""
     design = replace(SMALL, window="count", window_events=100)
@@ -374,6 +363,8 @@ def test_power_is_the_energy_of_the_rates():
     assert costs.energy_j and costs.per_match_j and costs.idle_w and costs.whole_w
     by_hand = sum(costs.energy_j[unit].central * rate for unit, rate in RATE.rates.items())
     assert costs.per_match_j.central * RATE.matches_per_s == pytest.approx(by_hand)
+    assert costs.matches_per_joule.central == pytest.approx(1 / costs.per_match_j.central)
+    assert costs.matches_per_joule.low == pytest.approx(1 / costs.per_match_j.high)
     assert costs.whole_w.central == pytest.approx(by_hand + costs.idle_w.central)
     # 46.6 uA/MHz at 1.219 V and 12 MHz in the cycles that the work leaves
     clock_w = 46.6e-6 * 12 * 1.219 * (1 - costs.load.central)

@@ -13,15 +13,12 @@ import numba
 import numpy as np
 import pytest
 from edge_vpr_tools.commands.calibrate import calibrate
-from edge_vpr_tools.commands.info import summarise
 from edge_vpr_tools.truth_files import TruthFiles
 from numba.core import event
 
 from edge_vpr.match_result import MatchResult, describe_query
 from edge_vpr.matching.drive import match_query
-from edge_vpr.recordings import open_recording
 from edge_vpr.reference_map import ReferenceMap
-from edge_vpr.results import to_json
 from edge_vpr.run_log import COMPILING
 
 ROOT = Path(__file__).parents[2]
@@ -67,14 +64,6 @@ def test_building_and_matching_give_what_the_commands_write(drive, tmp_path, run
     learnt = calibrate(made, result.matches, truth_of_files)
     assert 0 < learnt.matches <= len(result.matches) and 0 <= learnt.correct <= learnt.matches
     assert learnt.reference.confidence == learnt.confidence
-
-
-def test_a_recording_is_summed_up_as_info_says(drive, run):
-    """The record's fields are those of `--json`."""
-    path = drive / "query.npz"
-    summary = summarise(open_recording(path))
-    assert json.loads(run("info", path, "--json").out) == to_json(summary)
-    assert summary.events_per_s == summary.events * 1e6 / summary.duration_us
 
 
 def test_times_are_without_compilation(drive, monkeypatch):

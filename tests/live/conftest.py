@@ -1,0 +1,35 @@
+"""A simulated street."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from edge_vpr.evaluation.tracks import Track
+from edge_vpr.events import Events, join_events
+from edge_vpr.recordings import write_recording
+from edge_vpr.reference_map import ReferenceMap
+from edge_vpr.simulation import simulate_pair
+
+Street = tuple[Path, Events, Track]
+
+
+def street_of(folder: Path, length_m: float) -> Street:
+    """Write map.npz with positions and default settings, and query.npz of another drive.
+
+    Returns
+    -------
+    Path, Events, Track
+        Of the map; and those of the other drive.
+    """
+    first, second = simulate_pair(seed=0, length_m=length_m)
+    ReferenceMap.build(first, track=first.track).save(folder / "map.npz")
+    write_recording(folder / "query.npz", second)
+    return folder / "map.npz", join_events(list(second)), second.track
+
+
+@pytest.fixture(scope="session")
+def street(tmp_path_factory: pytest.TempPathFactory) -> Street:
+    """A street of 200 m."""
+    return street_of(tmp_path_factory.mktemp("street"), 200.0)
