@@ -13,16 +13,9 @@ import pytest
 from edge_vpr_tools.cli import main
 from hypothesis import given
 from hypothesis import strategies as st
-from lab.experiments.calibration import (
-    Sample,
-    carried_off,
-    sample,
-    spliced,
-    windows_past_the_edge,
-    with_detour,
-    without_places,
-)
 from lab.pairs import MappedPair
+from lab.shipped_tables import Sample, sample, windows_past_the_edge
+from lab.spliced import carried_off, spliced, with_detour, without_places
 
 from edge_vpr import LiveSession
 from edge_vpr.confidence import (

@@ -12,7 +12,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from edge_vpr_tools.report.figures import precision_recall, reliability_diagram
-from lab import drives, plots
+from lab import drives, plots, shipped_tables
 from lab import nulls as nulls_module
 from lab.__main__ import main
 from lab.experiments import EXPERIMENTS, calibration, places_per_window, simulated, speck_walks
@@ -140,7 +140,7 @@ def test_the_calibration_learns_tables_instead_of_judging_them(tmp_path, capsys)
         for case, away in calibration.driven(street, beside, places_per_window=1):
             for name, version in calibration.versions_of(case, away, rng).items():
                 live, smoothed = (
-                    calibration.sample(version.with_settings(calibration.MATCHINGS[how]))
+                    shipped_tables.sample(version.with_settings(shipped_tables.MATCHINGS[how]))
                     for how in (LIVE, SMOOTHED)
                 )
                 pooled.append(live)
@@ -163,11 +163,11 @@ def test_the_calibration_judges_the_shipped_tables_on_streets_that_they_are_not_
         lambda seed, **drive: simulated_seeds.add(seed) or STREET(seed, **drive),
     )  # fmt: skip
     rows = rows_of(calibration, None, 1)
-    first, last = calibration.learnt_seeds()
+    first, last = shipped_tables.learnt_seeds()
     # the one before is a detour's
     assert simulated_seeds == {999, 1_000} and not first <= 999 <= last
     by_map = {(row["map"], row["matching"]): row for row in rows}
-    for how in calibration.MATCHINGS:
+    for how in shipped_tables.MATCHINGS:
         assert {row["map"] for row in rows if row["matching"] == how} >= {
             "whole", "a piece cut out", "a detour", "carried off twice",
         }  # fmt: skip
@@ -175,20 +175,20 @@ def test_the_calibration_judges_the_shipped_tables_on_streets_that_they_are_not_
             by_map["whole", how]["correct"] == by_map["whole", how]["correct of those on the map"]
         )
         whole = by_map["whole", how]
-        if how != calibration.LIVE:
+        if how != LIVE:
             assert "accepted at 0.99 (stays on map)" not in whole
             continue
         assert whole["accepted at 0.99 (stays on map)"] >= whole["accepted at 0.99"]
         probability = whole["mean probability (stays on map)"]
         assert whole["mean probability"] < probability < 1
     assert by_map["a detour", "live"]["AUROC off the map"] is not None
-    for how in calibration.MATCHINGS:
+    for how in shipped_tables.MATCHINGS:
         kinds = [by_map[kind, how] for kind in calibration.LEARNT_FROM[LIVE]]
         windows = sum(row["windows"] for row in kinds)
         accepted = sum(row["windows"] * row["accepted at 0.99"] for row in kinds)
         assert by_map["all six", how]["windows"] == windows
         assert by_map["all six", how]["accepted at 0.99"] == pytest.approx(accepted / windows)
-    assert by_map[calibration.SWITCHED_ON, "live"]["starts"] >= 0
+    assert by_map[shipped_tables.SWITCHED_ON, "live"]["starts"] >= 0
 
 
 def labels(drawing):

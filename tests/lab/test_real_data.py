@@ -8,9 +8,10 @@ from fractions import Fraction
 import numpy as np
 import pytest
 from lab import drives as drive_pairs
-from lab.experiments import calibration, trust
-from lab.experiments.calibration import without_places
+from lab.experiments import trust
 from lab.pairs import Kept, Pair
+from lab.shipped_tables import MATCHINGS, sample
+from lab.spliced import without_places
 from lab.variants import Variant
 
 from edge_vpr.confidence import LIVE, SMOOTHED, default_confidence
@@ -201,7 +202,7 @@ def test_the_shipped_probabilities_are_as_far_off_as_they_were_on_each_drive(sha
     promised = trust.in_zone(mapped.truth, mapped.reference.settings.exclusion_places)
     mapped = replace(mapped, truth=promised)
     for how, most in zip((LIVE, SMOOTHED), ERRORS[name], strict=True):
-        changed = mapped.with_settings(calibration.MATCHINGS[how])
+        changed = mapped.with_settings(MATCHINGS[how])
         matches = changed.match()
         has_truth = mapped.truth.has_truth[matches.query]
         correct = mapped.truth.correct[matches.place, matches.query][has_truth]
@@ -219,9 +220,9 @@ def test_matches_are_accepted_where_a_drive_leaves_the_map_only_if_they_are_sure
     brisbane, smooth, right, precision, recall
 ):
     mapped = brisbane.mapped(brisbane.default(0)).with_settings({"smooth": smooth})
-    assert calibration.sample(mapped).correct.mean() > right
+    assert sample(mapped).correct.mean() > right
     # a car that stands at a light off the map saw the same at the end of the route
-    cut = calibration.sample(without_places(mapped, 220, 330))
+    cut = sample(without_places(mapped, 220, 330))
     accepted = cut.trust >= default_confidence(smooth).least_trust(0.99)
     rejection = evaluate_rejection(cut.trust, cut.correct, cut.has_place, accepted)
     assert rejection.found_at_99_precision > 0.8 and rejection.off_map_auroc > 0.9

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
-from lab.experiments.calibration import Sample
 from lab.experiments.trust import quantile_transfer
+from lab.shipped_tables import Sample
 
 MATCHES = st.lists(st.tuples(st.integers(-5, 20), st.booleans()), min_size=1, max_size=60)
 

@@ -358,6 +358,13 @@ def recorded_drives(data: Path | None, *, images: bool = False) -> list[Drives]:
     return _declared(pairs, named=lambda pair: pair.name)
 
 
+def fullest_drives(data: Path | None) -> list[Drives]:
+    """Return the recorded pairs; where only some pixels were published, with all of these."""
+    with_images = {each.name for each in recorded_drives(data, images=True)}
+    every = recorded_drives(data)
+    return [each for each in every if each.name in with_images or not each.drawn]
+
+
 def counted_drives(data: Path | None) -> list[Drives]:
     """Return streets, and the recorded pairs of a folder, as windows of all pixels."""
     streets = Drives(SIMULATED, counted_street, varied=True)

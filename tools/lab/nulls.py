@@ -46,6 +46,12 @@ def null_queries(
         yield f"null: {name}", timed
 
 
+def scrambled(pair: MappedPair, rng: np.random.Generator) -> dict[str, MappedPair]:
+    """Return the null queries of a pair by name; what is correct of them, is by chance."""
+    queries = null_queries(pair.counted, rng)
+    return {name: replace(pair, counted=shown) for name, shown in queries}
+
+
 def constant_speed(truth: GroundTruth) -> float:
     """Return the share of windows with known truth that a constant speed matches correctly."""
     places, windows = truth.correct.shape
@@ -66,8 +72,8 @@ def null_rows(
         Of the names of all but the constant speed, which has no settings and no row if this is not
         empty.
     """
-    for name, shown in null_queries(pair.counted, rng):
-        evaluation = evaluate(replace(pair, counted=shown).match(), pair.truth)
+    for name, shown in scrambled(pair, rng).items():
+        evaluation = evaluate(shown.match(), pair.truth)
         yield {
             column: name + ending,
             CHOSEN_ON: BY_US,

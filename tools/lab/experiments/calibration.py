@@ -14,119 +14,48 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
-from importlib.resources import files
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
 from edge_vpr import __version__
-from edge_vpr.confidence import (
-    DEFAULT_TABLES,
-    LIVE,
-    LIVE_ON_MAP,
-    SMOOTHED,
-    TABLES,
-    Confidence,
-    default_confidence,
-)
+from edge_vpr.confidence import DEFAULT_TABLES, LIVE, LIVE_ON_MAP, SMOOTHED, TABLES
 from edge_vpr.descriptors.counting import count_windows
-from edge_vpr.descriptors.windows import Descriptors, overlapping
-from edge_vpr.evaluation.calibration import learn_confidence, reliability
+from edge_vpr.descriptors.windows import Descriptors
+from edge_vpr.evaluation.calibration import learn_confidence
 from edge_vpr.evaluation.ground_truth import GroundTruth
-from edge_vpr.evaluation.metrics import evaluate_rejection
 from edge_vpr.files import replacing
-from edge_vpr.matching.matches import Matches
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.settings import PRESETS
 from edge_vpr.simulation import QUERY, REFERENCE, Light, SimulatedRecording, simulate_pair
 from lab.drives import STREETS, Second, second_drive
 from lab.loop import Draw, Drives, Experiment, Row
-from lab.nulls import null_queries
+from lab.nulls import scrambled
 from lab.pairs import MappedPair, truth_of_tracks
-from lab.tables import TableView
-
-# Drives that leave the map: pieces cut out of a map, a jump, and windows of another street.
-
-
-@dataclass(frozen=True, eq=False)
-class Spliced(MappedPair):
-    """Map, and a drive that was put together from pieces."""
-
-    #: Shape (n,): whether the drive changes within a window, which then shows both sides.
-    changes: npt.NDArray[np.bool_]
-
-
-def without_places(pair: MappedPair, first: int, last: int) -> MappedPair:
-    """Remove the places from `first` up to, but without, `last` from the map."""
-    kept = np.ones(len(pair.reference), dtype=np.bool_)
-    kept[first:last] = False
-    reference = replace(pair.reference, places=pair.reference.places.take(kept))
-    truth = GroundTruth(pair.truth.correct[kept], pair.truth.has_truth, "part of the map")
-    return MappedPair(reference, pair.counted, truth)
-
-
-def carried_off(pair: MappedPair, first: int, last: int, parts: int = 1) -> Spliced:
-    """Reorder a drive: up to part `first`, then from `last` on, then the parts between.
-
-    Parameters
-    ----------
-    parts : int
-        How many parts of the drive are a window, see `spliced`.
-    """
-    every = np.arange(len(pair.counted))
-    return spliced(pair, np.r_[every[:first], every[last:], every[first:last]], parts)
-
-
-def with_detour(pair: MappedPair, elsewhere: Descriptors, at: int, parts: int = 1) -> Spliced:
-    """Insert the parts of another drive before part `at`; no place is correct for them."""
-    n, more = len(pair.counted), len(elsewhere)
-    columns = {
-        name: np.concatenate([column, elsewhere.to_arrays()[name]])
-        for name, column in pair.counted.to_arrays().items()
-    }
-    nowhere = np.zeros((len(pair.reference), more), dtype=np.bool_)
-    truth = GroundTruth(
-        np.concatenate([pair.truth.correct, nowhere], axis=1),
-        np.concatenate([pair.truth.has_truth, np.ones(more, dtype=np.bool_)]),
-        "with a detour",
-    )
-    joined = MappedPair(pair.reference, Descriptors(**columns), truth)
-    return spliced(joined, np.r_[0:at, n : n + more, at:n], parts)
-
-
-def spliced(pair: MappedPair, order: npt.NDArray[np.int64], parts: int = 1) -> Spliced:
-    """Put a drive together from its parts, and make windows of them.
-
-    Parameters
-    ----------
-    pair : MappedPair
-        Map, and the parts of a drive, each with the truth of the window that ends with it.
-    order : ndarray of int64, shape (n,)
-        Part of the drive that comes at each time.
-    parts : int
-        How many parts are a window.
-
-    Returns
-    -------
-    Spliced
-        The truth of a window is that of its last part: where the robot is then.
-    """
-    order = order[: len(order) // parts * parts]
-    last, has_place = order[parts - 1 :: parts], pair.truth.has_place[order]
-    follows = (np.diff(order) == 1) & (has_place[1:] == has_place[:-1])
-    changes = np.asarray(~np.append(False, follows).reshape(-1, parts)[:, 1:].all(axis=1))
-    counted = overlapping(pair.counted.take(order), parts).take(slice(None, None, parts))
-    if (np.diff(order) != 1).any():  # the windows follow one another without gaps
-        step = counted.window_us
-        start = np.arange(len(counted), dtype=np.int64) * step
-        counted = replace(counted, start_us=start, end_us=start + step)
-    truth = GroundTruth(pair.truth.correct[:, last], pair.truth.has_truth[last], "spliced")
-    return Spliced(pair.reference, counted, truth, changes)
-
+from lab.shipped_tables import (
+    MATCHINGS,
+    NAMES,
+    VIEW,
+    Sample,
+    evaluate_tables,
+    joined,
+    sample,
+)
+from lab.spliced import (
+    ANOTHER,
+    BACKWARDS,
+    CARRIED,
+    CUT,
+    DETOUR,
+    WHOLE,
+    carried_off,
+    spliced,
+    with_detour,
+    without_places,
+)
 
 # Streets, their drives, and the versions of each drive.
 
@@ -221,15 +150,6 @@ def _in_parts(mapped: ReferenceMap, parts: int, drive: SimulatedRecording) -> De
     return count_windows(drive, mapped.pixel_map, settings.replaced(part, "parts of a window"))
 
 
-WHOLE, CUT, DETOUR, CARRIED = "whole", "a piece cut out", "a detour", "carried off twice"
-BACKWARDS, ANOTHER = "backwards", "another route"
-#: row of all of these together, and of those with each kind of windows
-POOLED = "all six"
-POOLED_BY = {
-    "time": "all six, windows of a fixed time", "count": "all six, windows of a fixed number",
-}  # fmt: skip
-
-
 def versions_of(
     pair: MappedPair, elsewhere: Descriptors, rng: np.random.Generator, parts: int = 1
 ) -> dict[str, MappedPair]:
@@ -273,20 +193,9 @@ def of_another_route(pair: MappedPair, elsewhere: Descriptors, parts: int = 1) -
     return spliced(away, np.arange(len(elsewhere)), parts)
 
 
-def scrambled(pair: MappedPair, rng: np.random.Generator) -> dict[str, MappedPair]:
-    """Return the null queries of a pair by name; what is correct of them, is by chance."""
-    queries = null_queries(pair.counted, rng)
-    return {name: replace(pair, counted=shown) for name, shown in queries}
+# Learn the tables.
 
 
-# Matches of known truth, by the settings that each table is for.
-
-
-#: settings of the matches that each table is for
-MATCHINGS: Mapping[str, Mapping[str, Any]] = {
-    LIVE: {"smooth": False},
-    SMOOTHED: {"smooth": True},
-}
 #: Versions that each table is learnt from. Smoothing continues a path over the edge of the map, and
 #: is hardly ever wrong on a drive along it: with such drives, the promise of a precision would fail
 #: for those that leave the map.
@@ -295,40 +204,6 @@ LEARNT_FROM: Mapping[str, tuple[str, ...]] = {
     SMOOTHED: (CUT, DETOUR, BACKWARDS, ANOTHER),
     LIVE_ON_MAP: (WHOLE,),
 }
-
-
-class Sample(NamedTuple):
-    """Matches of known truth: net trust (n,) int64, correct (n,) and has_place (n,) bool.
-
-    `changes` (n,) bool is of windows in which the drive changes; see `Spliced`.
-    """
-
-    trust: npt.NDArray[np.int64]
-    correct: npt.NDArray[np.bool_]
-    has_place: npt.NDArray[np.bool_]
-    changes: npt.NDArray[np.bool_]
-
-
-def sample(pair: MappedPair, first: int = 0, last: int | None = None) -> Sample:
-    """Match a pair, and return the matches whose truth is known, of windows `first` to `last`."""
-    matches = pair.match()
-    judged = pair.truth.judged(matches.place, matches.query) & (matches.query >= first)
-    if last is not None:
-        judged &= matches.query < last
-    correct = pair.truth.correct[matches.place, matches.query]
-    has_place = pair.truth.has_place[matches.query]
-    changes = np.zeros(judged.size, dtype=np.bool_)
-    if isinstance(pair, Spliced):
-        changes = pair.changes[matches.query]
-    return Sample(matches.net_trust[judged], correct[judged], has_place[judged], changes[judged])
-
-
-def joined(samples: Sequence[Sample]) -> Sample:
-    """Concatenate samples."""
-    return Sample(*(np.concatenate(column) for column in zip(*samples, strict=True)))
-
-
-# Learn the tables.
 
 
 def learn(seeds: int, folder: Path, on_start: Callable[[str], None]) -> None:
@@ -394,199 +269,7 @@ def _table(learnt: Sample) -> dict[str, object]:
     }
 
 
-def learnt_seeds() -> tuple[int, int]:
-    """Return the seeds of the first and of the last street that the shipped tables are from."""
-    text = files("edge_vpr").joinpath(DEFAULT_TABLES).read_text(encoding="utf-8")
-    first, last = json.loads(text)["street_seeds"]
-    return int(first), int(last)
-
-
 # Evaluate the shipped tables.
-
-
-PRECISION = 0.99
-#: column of the share of accepted matches that are correct, without those of windows in which the
-#: drive leaves the map, comes back or jumps
-PRECISION_SEEN = "precision from one window after a change on"
-LEARNT_ON = "table learnt on"
-SWITCHED_ON = "switched on in mid-route"
-#: ends the names of columns of the tables for robots that stay on the map
-STAYS_ON_MAP = " (stays on map)"
-#: columns that the table has no effect on
-_OF_MATCHES = (
-    "windows", "correct", "correct of those on the map", "found at 99 % precision",
-    "AUROC off the map", "starts", "starts with a match correct",
-    "median time to the first correct (s)",
-)  # fmt: skip
-#: columns that name a row of the tables of this experiment and of `trust`
-NAMES = ("map", "matching", LEARNT_ON)
-#: windows between two starts in mid-route, and most windows after a start
-START_EVERY, MOST = 10, 120
-#: least number of windows from a start to the end of the drive
-_LEFT = 20
-
-
-def evaluate_tables(
-    versions: Mapping[str, Sequence[MappedPair]],
-    matchings: Sequence[str],
-    switched_on: Sequence[str],
-    pooled: Sequence[str] = (),
-) -> Iterator[Row]:
-    """Evaluate the shipped tables on drives whose truth is known.
-
-    Parameters
-    ----------
-    versions : mapping of str to sequence of MappedPair
-        Drives by version; those of one version are evaluated together.
-    matchings : sequence of str
-        Of `MATCHINGS`.
-    switched_on : sequence of str
-        Those by which whole drives are also matched from the middle of the route on.
-    pooled : sequence of str
-        Versions that are evaluated together too, in further rows: all, and by kind of windows.
-    """
-    learnt_on = "streets of seeds {} to {}".format(*learnt_seeds())
-    for name in matchings:
-        table, on_map = (default_confidence(name == SMOOTHED, stays) for stays in (False, True))
-        together: dict[str, list[Sample]] = {POOLED: []}
-        for version, pairs in versions.items():
-            changed = [pair.with_settings(MATCHINGS[name]) for pair in pairs]
-            row = {"map": version, "matching": name, LEARNT_ON: learnt_on}
-            samples = [sample(pair) for pair in changed]
-            if version in pooled:
-                together[POOLED] += samples
-                for pair, one in zip(pairs, samples, strict=True):
-                    together.setdefault(POOLED_BY[pair.reference.settings.window], []).append(one)
-            stays = _if_on_map(figures_of_table(on_map, samples)) if name == LIVE else {}
-            yield {**row, **figures_of_table(table, samples), **stays}
-            if version == WHOLE and name in switched_on:
-                row["map"] = SWITCHED_ON
-                first = partial(first_matches, changed)
-                stays = _if_on_map(first(partial(_accepted, on_map))) if name == LIVE else {}
-                yield {**row, **first(partial(_accepted, table)), **stays}
-        for kind, samples in together.items() if pooled else ():
-            row = {"map": kind, "matching": name, LEARNT_ON: learnt_on}
-            yield {**row, **figures_of_table(table, samples)}
-
-
-def _accepted(table: Confidence, matches: Matches) -> npt.NDArray[np.bool_]:
-    return np.asarray(matches.net_trust >= table.least_trust(PRECISION))
-
-
-def _if_on_map(measured: Row) -> Row:
-    """Return what the table has an effect on, in columns for robots that stay on the map."""
-    return {
-        name + STAYS_ON_MAP: value for name, value in measured.items() if name not in _OF_MATCHES
-    }
-
-
-def figures_of_table(table: Confidence, samples: Sequence[Sample]) -> dict[str, float | int | None]:
-    """Return what a table says of some drives, each in the order of time, and what is true."""
-    pooled = joined(samples)
-    probability = table.probability_of(pooled.trust)
-    least = table.least_trust(PRECISION)
-    accepted = pooled.trust >= least
-    counts = evaluate_rejection(pooled.trust, pooled.correct, pooled.has_place, accepted)
-    seen: dict[str, float | None] = {}
-    if pooled.changes.any():
-        late = accepted & ~pooled.changes
-        seen[PRECISION_SEEN] = float(pooled.correct[late].mean()) if late.any() else None
-    left = windows_past_the_edge(samples, least)
-    off_map = accepted[~pooled.has_place]
-    return {
-        "windows": pooled.trust.size,
-        "correct": float(pooled.correct.mean()),
-        "correct of those on the map": counts.right_on_map,
-        "mean probability": float(probability.mean()),
-        "calibration error": reliability(probability, pooled.correct).expected_calibration_error,
-        "accepted at 0.99": float(accepted.mean()),
-        "precision": counts.precision,
-        **seen,
-        "recall": counts.recall,
-        "found at 99 % precision": counts.found_at_99_precision,
-        "AUROC off the map": counts.off_map_auroc,
-        "accepted off the map": float(off_map.mean()) if off_map.size else None,
-        "windows accepted after leaving the map": float(np.mean(left)) if left else None,
-        "most windows accepted after leaving": max(left, default=None),
-    }
-
-
-def windows_past_the_edge(samples: Sequence[Sample], least: int) -> list[int]:
-    """Return how long matches are still accepted after a drive has left the map.
-
-    Returns
-    -------
-    list of int
-        Number of accepted matches in a row, each time that a drive leaves the map from an accepted
-        match.
-    """
-    lasted = []
-    for trust, _, has_place, _ in samples:
-        accepted = trust >= least
-        for j in np.flatnonzero(has_place[:-1] & ~has_place[1:] & accepted[:-1]) + 1:
-            last = accepted[j:] & ~has_place[j:]
-            lasted.append(int(np.argmin(last)) if not last.all() else last.size)
-    return lasted
-
-
-def first_matches(
-    pairs: Sequence[MappedPair], accepted: Callable[[Matches], npt.NDArray[np.bool_]]
-) -> dict[str, float | int | None]:
-    """Switch on at many windows, and measure the time to the first correct and accepted matches.
-
-    The time to the first correct match is the measure of Flash [1]_. Both times end with the window
-    of the match, and their medians are over all starts: None, if fewer than half of them have such
-    a match within `MOST` windows and before the end of the drive.
-
-    Parameters
-    ----------
-    accepted : callable
-        Which matches are accepted.
-
-    References
-    ----------
-    .. [1] V. Ramanathan, M. Milford, T. Fischer, "Prepare for Warp Speed: Sub-millisecond Visual
-       Place Recognition Using Event Cameras", arXiv:2509.24094.
-    """
-    correct_s: list[float] = []
-    accepted_s: list[float] = []
-    accepted_rightly: list[bool] = []
-    for pair in pairs:
-        windows = len(pair.counted)
-        for start in range(0, windows - _LEFT, START_EVERY):
-            if not pair.truth.has_truth[start]:
-                continue
-            part = slice(start, min(start + MOST, windows))
-            rest = replace(pair, counted=pair.counted.take(part))
-            matches = rest.match()
-            seconds = (rest.counted.end_us - rest.counted.start_us[0]) / 1e6
-            correct = pair.truth.correct[matches.place, start + matches.query]
-            shown = accepted(matches)
-            for times, reached in ((correct_s, correct), (accepted_s, shown)):
-                times.append(float(seconds[np.argmax(reached)]) if reached.any() else np.inf)
-            if shown.any():
-                accepted_rightly.append(bool(correct[np.argmax(shown)]))
-    return {
-        "starts": len(correct_s),
-        **_time_to("correct", correct_s),
-        **_time_to("accepted", accepted_s),
-        "correct of the first accepted": mean_of(accepted_rightly),
-    }
-
-
-def _time_to(name: str, seconds: Sequence[float]) -> dict[str, float | None]:
-    """Return the share of the starts that have such a match, and the median time to it."""
-    reached = mean_of(np.isfinite(seconds))
-    late = reached is None or reached <= 0.5
-    return {
-        f"starts with a match {name}": reached,
-        f"median time to the first {name} (s)": None if late else float(np.median(seconds)),
-    }
-
-
-def mean_of(values: Sequence[bool] | npt.NDArray[np.bool_]) -> float | None:
-    """Return the share of true values; None of none."""
-    return float(np.mean(values)) if len(values) else None
 
 
 def unseen_street(seed: int) -> dict[str, list[MappedPair]]:
@@ -610,8 +293,6 @@ EXPERIMENT = Experiment(
     drives=lambda data: [Drives("simulated streets", unseen_street, varied=True)],
     names=NAMES,
     measure=measure,
-    view=TableView({}, ("map", "matching", "correct of those on the map", "accepted at 0.99",
-                        "precision", "calibration error", "accepted at 0.99" + STAYS_ON_MAP,
-                        "precision" + STAYS_ON_MAP)),
+    view=VIEW,
     reads_data=False,
-)  # fmt: skip
+)

@@ -25,10 +25,10 @@ from edge_vpr.settings import PRESETS
 from edge_vpr.simulation import simulate_pair
 from edge_vpr.simulation.drive import wheel_odometry
 from lab.drives import STREETS, WALKS, second_drive, walks
-from lab.experiments.calibration import carried_off, without_places
 from lab.loop import Draw, Drives, Experiment, Row
 from lab.nulls import null_queries
 from lab.pairs import MappedPair, Pair, truths_of_tracks
+from lab.spliced import carried_off, without_places
 from lab.tables import TableView
 
 LENGTH_M, TOLERANCES_M = 450.0, (10.0, 20.0)

@@ -24,8 +24,7 @@ from edge_vpr.live.position import Locator, PathPosition
 from edge_vpr.recordings.reading import EventSource
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.simulation import simulate_pair
-from lab.drives import STREETS, second_drive
-from lab.experiments.trust import drives as recorded
+from lab.drives import STREETS, fullest_drives, second_drive
 from lab.loop import Draw, Drives, Experiment, Row
 from lab.pairs import Pair
 from lab.tables import TableView
@@ -134,7 +133,7 @@ def _length_m(track: Track, positions: npt.NDArray[np.float64]) -> float:
 def drives(data: Path | None) -> list[Drives]:
     """Return streets, and the recorded drives of a folder whose tracks are known."""
     declared = [Drives(f"streets of {LENGTH_M:g} m", open_street, varied=True)]
-    for each in recorded(data) if data is not None else []:
+    for each in fullest_drives(data) if data is not None else []:
         if each.name.startswith("Brisbane"):
             declared.append(Drives(each.name, partial(_opened, each), drawn=each.drawn))
     return declared

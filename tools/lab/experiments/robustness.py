@@ -29,7 +29,7 @@ from edge_vpr.settings import PRESETS, Settings
 from edge_vpr.simulation import simulate_pair
 from edge_vpr.simulation.drive import QUERY, REFERENCE, wheel_odometry
 from lab.drives import STREETS, second_drive
-from lab.experiments.calibration import first_matches
+from lab.first_matches import first_matches
 from lab.loop import Draw, Drives, Experiment, Row
 from lab.pairs import MappedPair, rates, truth_of_pair
 from lab.tables import TableView

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
@@ -20,27 +19,23 @@ from edge_vpr.evaluation.calibration import learn_confidence
 from edge_vpr.evaluation.ground_truth import GroundTruth
 from edge_vpr.evaluation.metrics import evaluate_rejection
 from edge_vpr.evaluation.tracks import distances, with_positions
-from lab.drives import recorded_drives
-from lab.experiments import calibration
-from lab.experiments.calibration import (
-    CARRIED,
-    CUT,
+from lab.drives import fullest_drives
+from lab.loop import Draw, Experiment, Row
+from lab.nulls import scrambled
+from lab.pairs import MappedPair, Pair, Tracks
+from lab.shipped_tables import (
     LEARNT_ON,
     MATCHINGS,
     NAMES,
     PRECISION,
     STAYS_ON_MAP,
-    WHOLE,
+    VIEW,
     Sample,
-    carried_off,
     evaluate_tables,
     learnt_seeds,
     sample,
-    scrambled,
-    without_places,
 )
-from lab.loop import Draw, Drives, Experiment, Row
-from lab.pairs import MappedPair, Pair, Tracks
+from lab.spliced import CARRIED, CUT, WHOLE, carried_off, without_places
 
 #: of `MATCHINGS`, in the order of the table
 EVALUATED = (SMOOTHED, LIVE)
@@ -204,16 +199,9 @@ def interval(tracks: Tracks, mapped: MappedPair) -> dict[str, float]:
     }
 
 
-def drives(data: Path | None) -> list[Drives]:
-    """Return the recorded pairs; 49 of 49 pixels represent the counts of Brisbane."""
-    with_images = {each.name for each in recorded_drives(data, images=True)}
-    every = recorded_drives(data)
-    return [each for each in every if each.name in with_images or not each.drawn]
-
-
 EXPERIMENT = Experiment(
-    drives=drives,
+    drives=fullest_drives,
     names=NAMES,
     measure=measure,
-    view=calibration.EXPERIMENT.view,
+    view=VIEW,
 )
