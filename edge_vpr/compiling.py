@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import copy
 import hashlib
 import io
 import pickle
@@ -12,7 +11,7 @@ from collections.abc import Callable
 from contextlib import suppress
 from importlib import import_module
 from pathlib import Path
-from typing import Any, Generic, Literal, TypeVar
+from typing import Any, Literal
 
 import numba
 import numpy as np
@@ -315,34 +314,20 @@ else:
         return KernelState(value)
 
 
-Tuple = TypeVar("Tuple", bound=tuple[Any, ...])
+def shared_state(value: tuple[Any, ...]) -> KernelState:
+    """Return a tuple of arrays as an argument for kernels, which shares the arrays.
 
-
-class SharedState(Generic[Tuple]):
-    """A tuple of arrays in two forms that share the arrays: for Python and for kernels.
+    Its `value` consists of plain tuples, also for named tuples: a kernel restores the names by
+    ``OnlineState(*kernel_state.value)``. Cached code that refers to the class by name could neither
+    be read nor discarded by a later version without that name.
 
     Parameters
     ----------
     value : tuple
         Of arrays, numbers, and tuples of these.
-
-    Attributes
-    ----------
-    kernel_state : KernelState
-        Argument for kernels. Its `value` consists of plain tuples, also for named tuples: a kernel
-        restores the names by ``OnlineState(*kernel_state.value)``. Cached code that refers to the
-        class by name could neither be read nor discarded by a later version without that name.
     """
-
-    __slots__ = ("kernel_state", "value")
-
-    def __init__(self, value: Tuple) -> None:
-        self.value = value
-        self.kernel_state = to_kernel_state(_plain(value))
-
-    def __deepcopy__(self, memo: dict[int, Any]) -> SharedState[Tuple]:
-        """Return a state of copies of the arrays."""
-        return SharedState(copy.deepcopy(self.value, memo))
+    state: KernelState = to_kernel_state(_plain(value))
+    return state
 
 
 def _plain(value: Any) -> Any:

@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from edge_vpr import __version__
 from edge_vpr.archive import Arrays, checksum_of, present
-from edge_vpr.compiling import SharedState, specialise
+from edge_vpr.compiling import shared_state, specialise
 from edge_vpr.descriptors.counting import window_of
 from edge_vpr.descriptors.unseen import UnseenTime
 from edge_vpr.descriptors.windows import FixedTime, Window
@@ -305,7 +305,7 @@ class Localiser:
 
     def _hold(self, state: OnlineState) -> None:
         """Hold a state, of which an array has grown."""
-        self.state, self._kernel_state = state, SharedState(state).kernel_state
+        self.state, self._kernel_state = state, shared_state(state)
         self._process: Callable[..., Stop] = specialise(
             process_events, self._kernel_state, *_NOTHING, GO_ON
         )

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import copy
 import pickle
 
 import numpy as np
@@ -11,7 +10,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numba import config
 
-from edge_vpr.compiling import SharedState
 from edge_vpr.confidence import Acceptance, Confidence
 from edge_vpr.errors import EventError, UsageError
 from edge_vpr.events import EVENT_DTYPE, Events, make_events
@@ -196,13 +194,3 @@ def test_the_cache_of_a_kernel_names_no_class_of_its_state():
     (signature,) = process_events.signatures[:1]
     assert "KernelStateType" in str(signature)
     assert b"edge_vpr.online" not in pickle.dumps(signature)
-
-
-def test_a_copy_of_a_box_shares_nothing_with_it():
-    first = SharedState((np.zeros(3, dtype=np.int64), (np.ones(2), 5)))
-    second = copy.deepcopy(first)
-    second.value[0][:] = 7
-    second.value[1][0][:] = 7
-    assert first.value[0].tolist() == [0, 0, 0]
-    assert first.value[1][0].tolist() == [1, 1]
-    assert first.kernel_state is not second.kernel_state

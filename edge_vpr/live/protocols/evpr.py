@@ -9,7 +9,7 @@ from typing import Any, NamedTuple, cast
 import numpy as np
 import numpy.typing as npt
 
-from edge_vpr.compiling import SharedState, kernel
+from edge_vpr.compiling import kernel, shared_state
 from edge_vpr.errors import UsageError
 from edge_vpr.events import Events, Sensor
 from edge_vpr.live.protocols import Clock, Decoder, Encoder, OptionReader
@@ -443,9 +443,9 @@ class EvprDecoder(Decoder):
     def __init__(self, sensor: Sensor) -> None:
         super().__init__(sensor, Clock(confirm=1), EXACT)
         self._endless = False  # within a frame that is already too long
-        self._buffers = SharedState(
-            FrameBuffers.of(np.array([(-1, 0, 0, 0, *_bits_of(sensor))], dtype=_STATE))
-        )
+        state = np.array([(-1, 0, 0, 0, *_bits_of(sensor))], dtype=_STATE)
+        buffers = FrameBuffers.of(state)
+        self._counts, self._buffers = buffers.counts, shared_state(buffers)
 
     def setup(self) -> bytes:
         """Return an empty frame, which reports the host's presence."""
@@ -478,12 +478,10 @@ class EvprDecoder(Decoder):
     def _take_frames(self, frames: bytes) -> Events:
         """Decode whole frames, and count what they show in the health."""
         health = self.health
-        *columns, decoded = _decode_frames(
-            self._buffers.kernel_state, self.timestamps.shared.kernel_state, frames
-        )
+        *columns, decoded = _decode_frames(self._buffers, self.timestamps.kernel_state, frames)
         events = Events(*columns)
         self.timestamps.report(decoded, len(events))
-        counts = cast("tuple[int, ...]", self._buffers.value.counts.item())
+        counts = cast("tuple[int, ...]", self._counts.item())
         whole, damaged, skipped, repeats, gaps, lost, dropped, resets, narrow, _, _ = counts
         health.frames += whole
         if narrow:

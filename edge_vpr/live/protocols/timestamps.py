@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from edge_vpr.compiling import SharedState, kernel
+from edge_vpr.compiling import kernel, shared_state
 from edge_vpr.events import Events, Sensor, empty_events
 from edge_vpr.live.protocols.health import Health
 from edge_vpr.recordings.decoding import clock_step
@@ -99,7 +99,7 @@ class TimestampFilter:
 
     Attributes
     ----------
-    shared : SharedState
+    kernel_state : KernelState
         State for kernels, after which `report` is to be called.
     """
 
@@ -124,7 +124,7 @@ class TimestampFilter:
         self._host_us: int | None = None
         self._advanced_us = self._then = 0
         self._most_held = max(1, clock.confirm)
-        self.shared = SharedState(
+        self.kernel_state = shared_state(
             _FilterState(
                 self._state, empty_events(self._most_held).columns, sensor.width, sensor.height,
                 period, late, sure, step_limit, max(1, silence // tick), tick, clock.confirm,
@@ -167,7 +167,7 @@ class TimestampFilter:
         if not Events(*columns).packed:  # of a decoder of another package
             columns = self._narrowed(columns)
         out = empty_events(columns.t.size + self._most_held)
-        n = admit_columns(self.shared.kernel_state, *columns, *out.columns)
+        n = admit_columns(self.kernel_state, *columns, *out.columns)
         self.report(decoded, n)
         return out[:n]
 
