@@ -21,10 +21,9 @@ from edge_vpr.descriptors.counting import (
     check_sensor,
     cleaned,
     count_windows,
-    window_of,
 )
 from edge_vpr.descriptors.published import WindowSource
-from edge_vpr.descriptors.windows import Descriptors, WindowCounts, collect
+from edge_vpr.descriptors.windows import Descriptors, WindowCounts, collect, window_of
 from edge_vpr.drive_inputs import (
     AnyRecording,
     check_reading,

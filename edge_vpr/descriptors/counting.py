@@ -23,6 +23,7 @@ from edge_vpr.descriptors.windows import (
     WindowCounts,
     collect,
     overlapping,
+    window_of,
 )
 from edge_vpr.errors import EventError, MapError, UsageError, expect
 from edge_vpr.events import (
@@ -624,13 +625,6 @@ def check_parts(recording: EventSource | WindowSource, settings: Settings) -> No
             f"{where} with windows of {settings.events_per_window} events: expected an even "
             "number; set events_per_pixel to auto, or to another value"
         )
-
-
-def window_of(settings: Settings) -> Window:
-    """Return the kind and length of window of the settings."""
-    if settings.window == "time":
-        return FixedTime(settings.tau_us)
-    return FixedCount(settings.events_per_window)
 
 
 def too_short(window: Window, stream: DescriptorStream | None = None) -> UsageError:

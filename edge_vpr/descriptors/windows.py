@@ -14,6 +14,7 @@ from edge_vpr.archive import EqualByValue, check_array, check_range, present
 from edge_vpr.compiling import kernel, plain
 from edge_vpr.errors import MapError, UsageError, expect
 from edge_vpr.events import TIME_LIMIT_US
+from edge_vpr.settings import Settings
 from fixedpoint.activity import (
     EVENTS_TOP,
     LOG_TOP,
@@ -87,6 +88,13 @@ class FixedCount:
 
 
 Window = FixedTime | FixedCount
+
+
+def window_of(settings: Settings) -> Window:
+    """Return the kind and length of window of the settings."""
+    if settings.window == "time":
+        return FixedTime(settings.tau_us)
+    return FixedCount(settings.events_per_window)
 
 
 class WindowCounts(NamedTuple):

@@ -11,9 +11,8 @@ import numpy.typing as npt
 from edge_vpr import __version__
 from edge_vpr.archive import Arrays, checksum_of, present
 from edge_vpr.compiling import shared_state, specialise
-from edge_vpr.descriptors.counting import window_of
 from edge_vpr.descriptors.unseen import UnseenTime
-from edge_vpr.descriptors.windows import FixedTime, Window
+from edge_vpr.descriptors.windows import FixedTime, Window, window_of
 from edge_vpr.errors import EventError, UsageError, expect
 from edge_vpr.events import (
     NO_EVENTS,

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from edge_vpr.descriptors.counting import window_of
+from edge_vpr.descriptors.windows import window_of
 from edge_vpr.events import TIME_LIMIT_US
 from edge_vpr.matching.match import MATCH_DTYPE
 from edge_vpr.matching.place_filter import FilterState, PlaceFilter, WindowRows
