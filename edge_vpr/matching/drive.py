@@ -77,7 +77,7 @@ class FilteredDrive(NamedTuple):
         """Store the results of the windows from `first` on."""
         last = first + len(rows.matches)
         self.rows[first:last] = rows.matches
-        self.candidates[first:last] = nearest_places(rows.least.T)
+        self.candidates[first:last] = nearest_places(rows.least)
         if self.metrics is not None:
             self.metrics[:, first:last] = rows.least.T
 

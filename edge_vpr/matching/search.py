@@ -109,22 +109,21 @@ def _search_rows(rows: Any, exclusion: int, out: npt.NDArray[np.int64]) -> None:
         out[i, 0], out[i, 1], out[i, 2] = least_and_second(rows[i], exclusion)
 
 
-def nearest_places(sums: npt.NDArray[np.integer]) -> npt.NDArray[np.int64]:
-    """Return the nearest places of each query (column).
+def nearest_places(rows: npt.NDArray[np.integer]) -> npt.NDArray[np.int64]:
+    """Return the nearest places of each query.
 
     Parameters
     ----------
-    sums : ndarray of int, shape (K, n)
-        Distances, or metrics of the place filter.
+    rows : ndarray of int, shape (n, K)
+        Distances of each query, or metrics of the place filter.
 
     Returns
     -------
     ndarray of int64, shape (n, 25)
         Nearest first (ties: lowest first); -1 where there are fewer places.
     """
-    places = sums.shape[0]
+    places = rows.shape[1]
     # distance and place in one integer, which sorts by distance, then by place
-    rows = sums.T
     narrow = rows.size > 0 and (int(rows.max()) + 1) * places <= np.iinfo(np.int32).max
     dtype = np.int32 if narrow else np.int64  # partitioning is faster with 32 bits
     keys = np.multiply(rows, places, dtype=dtype, order="C")

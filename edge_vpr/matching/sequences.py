@@ -106,7 +106,7 @@ class BestSequences(NamedTuple):
         column = np.arange(sums.shape[1])
         best_sum = sums[best, column].astype(np.int64)
         second_sum = np.where(second < 0, -1, sums[second, column]).astype(np.int64)
-        return cls(best, best_sum, second, second_sum, ties, nearest_places(sums))
+        return cls(best, best_sum, second, second_sum, ties, nearest_places(sums.T))
 
 
 def sequence_matches(
