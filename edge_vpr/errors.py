@@ -6,7 +6,9 @@ import json
 import os
 import sys
 from collections.abc import Iterable
+from importlib import import_module
 from pathlib import Path
+from typing import Any
 from urllib.parse import unquote
 
 #: longest message, in characters: enough for the fault and the remedy, but not for a whole file
@@ -238,6 +240,14 @@ def did_you_mean(typed: str, words: Iterable[str]) -> str:
         changed = sum(max(i2 - i1, j2 - j1) for kind, i1, i2, j1, j2 in steps if kind != "equal")
         similar += [name] * (changed <= _MOST_CHANGED)
     return f": did you mean {similar[0]}?" if similar else ""
+
+
+def import_extra(module: str, what: str, library: str, extra: str) -> Any:
+    """Import a module of an optional library, or raise an error that names the extra with it."""
+    try:
+        return import_module(module)
+    except ImportError as error:
+        raise MissingExtraError(what, library, extra) from error
 
 
 def install_command(extra: str) -> str:

@@ -13,7 +13,7 @@ import numpy.typing as npt
 
 from edge_vpr.archive import EqualByValue, archive_errors, read_archive, write_archive
 from edge_vpr.confidence import net_trust
-from edge_vpr.errors import MissingExtraError, expect
+from edge_vpr.errors import expect, import_extra
 from edge_vpr.files import replacing
 from edge_vpr.route import ALONG, Route
 from edge_vpr.settings import Settings
@@ -221,14 +221,12 @@ class Matches(EqualByValue):
         MissingExtraError
             If pandas is not installed.
         """
-        try:
-            import pandas
-        except ImportError as error:
-            raise MissingExtraError("a table of matches", "pandas", "pandas") from error
+        library = import_extra("pandas", "a table of matches", "pandas", "pandas")
         columns = {name: getattr(self, name) for name in (*TABLE, "margin", "ties")}
         if route is not None:
             columns |= route.columns(self.place, self.settings.exclusion_places)
-        return pandas.DataFrame(columns)
+        table: pandas.DataFrame = library.DataFrame(columns)
+        return table
 
 
 _COLUMNS = tuple(field.name for field in fields(Matches))[2:]  # all arrays

@@ -10,24 +10,14 @@ import sys
 import warnings
 import weakref
 from collections.abc import Callable, Iterator, Mapping
-from importlib import import_module
 from pathlib import Path
 from typing import IO, Any, BinaryIO, Generic, NamedTuple, TypeVar
 
 import numpy as np
 import numpy.typing as npt
 
-from edge_vpr.errors import MissingExtraError, RecordingError, UsageError
+from edge_vpr.errors import RecordingError, UsageError, import_extra
 from edge_vpr.recordings.reading import FaultLog
-
-
-def import_extra(module: str, what: str, library: str, extra: str) -> Any:
-    """Import a module of an optional library, or raise an error that names the extra with it."""
-    try:
-        return import_module(module)
-    except ImportError as error:
-        raise MissingExtraError(what, library, extra) from error
-
 
 # Conversion of times that wrap into times that never wrap.
 

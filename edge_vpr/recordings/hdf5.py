@@ -12,9 +12,8 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from edge_vpr.errors import MissingExtraError, RecordingError, UsageError
+from edge_vpr.errors import MissingExtraError, RecordingError, UsageError, import_extra
 from edge_vpr.events import TIME_LIMIT_US, Sensor
-from edge_vpr.recordings.decoding import import_extra
 from edge_vpr.recordings.reading import Columns, FaultLog, ReadOptions, Source
 from edge_vpr.recordings.table import UNITS, match_columns, tidy
 

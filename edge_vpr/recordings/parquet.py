@@ -6,20 +6,12 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from edge_vpr.errors import MissingExtraError, RecordingError
+from edge_vpr.errors import RecordingError, import_extra
 from edge_vpr.recordings.reading import Columns, FaultLog, ReadOptions, Source
 from edge_vpr.recordings.table import match_columns, tidy
 
 _BUFFER_BYTES = 1 << 20
-
-
-def _pyarrow() -> Any:
-    try:
-        import pyarrow
-        import pyarrow.parquet
-    except ImportError as error:
-        raise MissingExtraError("a .parquet file", "pyarrow", "parquet") from error
-    return pyarrow
+_EXTRA = "a .parquet file", "pyarrow", "parquet"
 
 
 class ParquetSource(Source):
@@ -31,7 +23,6 @@ class ParquetSource(Source):
     """
 
     def __init__(self, path: Path, options: ReadOptions) -> None:
-        self._pyarrow = _pyarrow()
         with self._open(path) as file:
             schema = file.schema_arrow
             self._rows = file.metadata.num_rows
@@ -47,13 +38,13 @@ class ParquetSource(Source):
         self._unit = options.time_unit or matched.unit
 
     def _open(self, path: Path) -> Any:
-        return self._pyarrow.parquet.ParquetFile(
+        return import_extra("pyarrow.parquet", *_EXTRA).ParquetFile(
             path, buffer_size=_BUFFER_BYTES, pre_buffer=False, page_checksum_verification=True
         )
 
     def _check_types(self, path: Path, schema: Any) -> None:
         """Refuse columns of text and lists, whose values can have any length."""
-        types = self._pyarrow.types
+        types = import_extra("pyarrow.types", *_EXTRA)
         for name in self._names.values():
             kind = schema.field(name).type
             if not (types.is_primitive(kind) and (kind.bit_width or 0) <= 64):

@@ -14,12 +14,9 @@ import numpy as np
 import numpy.typing as npt
 
 from edge_vpr.compiling import kernel
-from edge_vpr.errors import EdgeVprError, RecordingError, UsageError
+from edge_vpr.errors import EdgeVprError, RecordingError, UsageError, import_extra
 from edge_vpr.events import Sensor
-from edge_vpr.recordings.decoding import (
-    Unwrapper,
-    import_extra,
-)
+from edge_vpr.recordings.decoding import Unwrapper
 from edge_vpr.recordings.prophesee import EvtWordDecoder
 from edge_vpr.recordings.reading import (
     Columns,

@@ -11,10 +11,9 @@ from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import CancelledError, Executor, ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
-from importlib import import_module
-from typing import Any, TypeVar
+from typing import TypeVar
 
-from edge_vpr.errors import EdgeVprError, MissingExtraError, UsageError, printable
+from edge_vpr.errors import EdgeVprError, UsageError, import_extra, printable
 
 Job = TypeVar("Job")
 Result = TypeVar("Result")
@@ -73,10 +72,7 @@ def cluster(scheduler: str) -> Iterator[Executor]:
     MissingExtraError
         If distributed is not installed.
     """
-    try:
-        distributed: Any = import_module("distributed")
-    except ImportError as error:
-        raise MissingExtraError("a Dask cluster", "distributed", "dask") from error
+    distributed = import_extra("distributed", "a Dask cluster", "distributed", "dask")
     try:
         client = distributed.Client(scheduler, timeout=_TIMEOUT_S, set_as_default=False)
     except (OSError, ValueError) as error:

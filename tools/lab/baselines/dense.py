@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from edge_vpr.descriptors.windows import narrow
-from edge_vpr.errors import MissingExtraError, UsageError
+from edge_vpr.errors import UsageError, import_extra
 from edge_vpr.matching.distances import distance_matrix
 from lab.baselines.baseline import Baseline, Described, Images, VectorBaseline
 
@@ -98,11 +98,8 @@ class OrientedGradients(CosineBaseline):
     title = f"hog {HOG_SIDE} x {HOG_SIDE}, cosine"
 
     def __init__(self, seed: int = 0) -> None:
-        try:
-            from skimage.feature import hog
-        except ImportError as error:
-            raise MissingExtraError("the baseline hog", "scikit-image", "lab") from error
-        self._hog = hog
+        features = import_extra("skimage.feature", "the baseline hog", "scikit-image", "lab")
+        self._hog = features.hog
 
     def describe(self, images: Images) -> Described:
         """Return the histograms, shape (n, D), float32."""

@@ -9,9 +9,8 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from edge_vpr.errors import EdgeVprError, UsageError, WeightsError, printable
+from edge_vpr.errors import EdgeVprError, UsageError, WeightsError, import_extra, printable
 from edge_vpr.files import check_is_file, open_input
-from edge_vpr.recordings.decoding import import_extra
 from lab.baselines.baseline import Described, Images
 from lab.baselines.dense import CosineBaseline, mean_cells
 
