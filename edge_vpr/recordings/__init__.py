@@ -33,11 +33,10 @@ from edge_vpr.errors import (
 from edge_vpr.events import Events, Sensor, SensorSize, as_events, in_order
 from edge_vpr.files import check_absent, open_input, replacing
 from edge_vpr.plugins import Registry
-from edge_vpr.recordings.decoding import ArrayStream
 from edge_vpr.recordings.frames import CountFrames, parse_period, read_count_frames
 from edge_vpr.recordings.memory import FORMAT as MEMORY
 from edge_vpr.recordings.memory import EventData, MemorySource, is_event_data
-from edge_vpr.recordings.numpy_files import Archive
+from edge_vpr.recordings.numpy_files import Archive, ArrayStream
 from edge_vpr.recordings.reading import (
     CHUNK_EVENTS,
     NO_CAMERA,

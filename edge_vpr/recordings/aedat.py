@@ -4,26 +4,18 @@ from __future__ import annotations
 
 import re
 import struct
+import sys
 import xml.etree.ElementTree as ElementTree
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
-from typing import IO, BinaryIO, NamedTuple
+from typing import IO, Any, BinaryIO, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
-from edge_vpr.errors import RecordingError, UsageError
+from edge_vpr.errors import RecordingError, UsageError, import_extra
 from edge_vpr.events import Sensor
-from edge_vpr.recordings.decoding import (
-    LIMIT_BYTES,
-    RecordFile,
-    Unwrapper,
-    Wording,
-    choose_stream,
-    is_text,
-    lz4,
-    zstd,
-)
+from edge_vpr.recordings.decoding import RecordFile, Unwrapper, is_text
 from edge_vpr.recordings.reading import Columns, FaultLog, ReadOptions, Source, in_chunks
 
 # AEDAT 2.0, written by jAER: pairs of a 32-bit address and a 32-bit time, big endian.
@@ -151,6 +143,52 @@ def read_header(file: BinaryIO) -> tuple[str, int]:
         if line.startswith((b"# End Of ASCII", b"#End Of ASCII")):
             break
     return chip, n
+
+
+#: Most bytes of one packet, which an AEDAT 4 packet may expand to as well.
+LIMIT_BYTES = 1 << 26
+
+# Choice of one of the streams of a file, by its name or its number.
+
+
+class Wording(NamedTuple):
+    """What messages call the streams."""
+
+    #: one, several: ``"camera"`` and ``"cameras"``, for example.
+    one: str
+    several: str
+    remedy: str  #: What to do if there is none.
+
+
+def choose_stream(
+    path: Path, names: Mapping[int, str], wanted: str | None, wording: Wording
+) -> int:
+    """Return the number of the one stream, or of that which is wanted.
+
+    Parameters
+    ----------
+    names : mapping of int to str
+        Names of the streams by their numbers.
+    wanted : str, optional
+        Name or number of the stream.
+
+    Raises
+    ------
+    RecordingError
+        If there is none.
+    UsageError
+        If there are several.
+    """
+    numbers = [number for number, name in names.items() if wanted in (None, name, str(number))]
+    listed = ", ".join(f"{number} ({name})" for number, name in names.items()) or "none"
+    if not numbers:
+        raise RecordingError(
+            f"{path} has no {wording.one}{f' {wanted!r}' if wanted else ''}; it has: {listed}: "
+            f"{wording.remedy}, or choose one of these with topic="
+        )
+    if len(numbers) > 1:
+        raise UsageError(f"{path} has several {wording.several}, {listed}: choose with topic=")
+    return numbers[0]
 
 
 # The container of AEDAT 3.1, written by cAER: a text header, then packets of events of one type.
@@ -482,15 +520,67 @@ def _streams(info: str) -> dict[int, Stream]:
     return streams
 
 
+# Decompression with a limit: a few bytes cannot become gigabytes of memory.
+
+
+#: Bytes that are expanded at a time.
+PIECE_BYTES = 1 << 20
+
+
+class DecompressionError(ValueError):
+    """Compressed data is damaged, cut off, or expands to more than the limit."""
+
+
 def _decompressor(kind: int, path: Path) -> Callable[[bytes], bytes]:
-    what = f"{path} (AEDAT 4)"
+    """Return a function that decompresses LZ4 or Zstandard frames, or bytes as they are."""
     if kind == 0:
         return bytes
     if kind in (1, 2):
-        return lz4(what, "aedat4")
+        frame = import_extra("lz4.frame", f"{path} (AEDAT 4), LZ4", "lz4", "aedat4")
+        return lambda data: expand(frame.LZ4FrameDecompressor, data, (RuntimeError, EOFError))
     if kind in (3, 4):
-        return zstd(what, "aedat4")
+        package = "compression" if sys.version_info >= (3, 14) else "backports"
+        what = f"{path} (AEDAT 4), ZSTD"
+        library = import_extra(f"{package}.zstd", what, "backports.zstd", "aedat4")
+        errors = (library.ZstdError, EOFError)
+        return lambda data: expand(library.ZstdDecompressor, data, errors)
     raise RecordingError(f"{path} has the unknown compression {kind}: record with LZ4 or ZSTD")
+
+
+def expand(new: Callable[[], Any], data: bytes, errors: tuple[type[Exception], ...]) -> bytes:
+    """Decompress one or more frames, and stop at `LIMIT_BYTES`.
+
+    Parameters
+    ----------
+    new : callable
+        Function that makes a decompressor with the interface of :class:`bz2.BZ2Decompressor`.
+    errors : tuple of exception types
+        Exceptions that the decompressor raises for damaged data.
+
+    Raises
+    ------
+    DecompressionError
+        If the data is damaged, cut off, or expands to more than the limit.
+    """
+    parts, size, rest = list[bytes](), 0, data
+    while rest:
+        frame = new()
+        while not frame.eof:
+            if frame.needs_input and not rest:
+                raise DecompressionError("the compressed data is cut off")
+            try:
+                part = frame.decompress(rest, max_length=min(PIECE_BYTES, LIMIT_BYTES + 1 - size))
+            except errors as error:
+                raise DecompressionError(str(error)) from error
+            rest = b""  # the decompressor keeps the bytes that it has not used
+            size += len(part)
+            if size > LIMIT_BYTES:
+                raise DecompressionError(f"it expands to more than {LIMIT_BYTES:,} bytes")
+            if not (part or frame.eof or frame.needs_input):
+                raise DecompressionError("the compressed data gives nothing")
+            parts.append(part)
+        rest = frame.unused_data
+    return b"".join(parts)
 
 
 # Events of AEDAT 4, written by iniVation's DV.

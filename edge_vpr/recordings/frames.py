@@ -18,8 +18,7 @@ import numpy.typing as npt
 
 from edge_vpr.errors import RecordingError, UsageError, as_path, printable
 from edge_vpr.events import LONGEST_SIDE, TIME_LIMIT_US, Sensor
-from edge_vpr.recordings.decoding import ArrayStream
-from edge_vpr.recordings.numpy_files import Archive
+from edge_vpr.recordings.numpy_files import Archive, ArrayStream
 from edge_vpr.recordings.reading import Columns, FaultLog, ReadOptions, Source, foreign_errors
 
 # Grey PNG images as count frames.

@@ -20,8 +20,8 @@ import pytest
 
 from edge_vpr.errors import EdgeVprError, RecordingError
 from edge_vpr.events import EVENT_DTYPE, Sensor, join_events, make_events
-from edge_vpr.recordings import decoding, frames, open_recording, write_recording
-from edge_vpr.recordings.decoding import DecompressionError, expand
+from edge_vpr.recordings import aedat, frames, open_recording, write_recording
+from edge_vpr.recordings.aedat import DecompressionError, expand
 from edge_vpr.recordings.reading import foreign_errors
 from tests.recordings import recording_files as files
 
@@ -189,11 +189,11 @@ def test_a_picture_that_claims_more_than_a_camera_has_is_refused_by_its_header(t
 def test_decompression_stops_at_its_limit_and_joins_frames(monkeypatch):
     data = bz2.compress(b"a" * 1000) + bz2.compress(b"b")
     new, errors = bz2.BZ2Decompressor, (OSError, EOFError)
-    monkeypatch.setattr(decoding, "LIMIT_BYTES", 1001)
+    monkeypatch.setattr(aedat, "LIMIT_BYTES", 1001)
     assert expand(new, data, errors) == b"a" * 1000 + b"b"
     with pytest.raises(DecompressionError, match="cut off"):
         expand(new, data[:-3], errors)
-    monkeypatch.setattr(decoding, "LIMIT_BYTES", 1000)
+    monkeypatch.setattr(aedat, "LIMIT_BYTES", 1000)
     with pytest.raises(DecompressionError, match="more than 1,000 bytes"):
         expand(new, data, errors)
 
