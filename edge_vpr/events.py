@@ -239,11 +239,17 @@ def _check_numbers(name: str, column: npt.NDArray[Any]) -> None:
 
 def as_events(events: object) -> Events:
     """Return events, or an array with the fields t, x, y and perhaps p of any types, as events."""
-    if isinstance(events, Events) and events.packed:
-        return events
-    check_event_array(events)
-    names: tuple[str, ...] = getattr(getattr(events, "dtype", None), "names", None) or tuple("txyp")
-    return make_events(*(events[name] for name in "txyp" if name in names))  # type: ignore[index]
+    if isinstance(events, Events):
+        return events if events.packed else make_events(*events.columns)
+    if not isinstance(events, np.ndarray):
+        raise EventError(f"events are {kind_of(events)}: make them with edge_vpr.make_events")
+    names = events.dtype.names or ()
+    if not {"t", "x", "y"} <= set(names):
+        raise EventError(
+            f"event array has dtype {events.dtype}, without the fields t, x, y: "
+            "make events with edge_vpr.make_events"
+        )
+    return make_events(*(events[name] for name in "txyp" if name in names))
 
 
 def in_order(chunks: Iterable[Events], sensor: Sensor) -> Iterator[Events]:
@@ -298,19 +304,6 @@ def check_after(events: Events, floor_us: int) -> None:
         raise EventError(
             f"time runs backwards, from {floor_us} to {first} us: sort the events, or drop the "
             "late ones; times count from 0, the start of the recording"
-        )
-
-
-def check_event_array(events: object) -> None:
-    """Raise EventError unless these are events, or an array with their fields."""
-    if isinstance(events, Events):
-        return
-    if not isinstance(events, np.ndarray):
-        raise EventError(f"events are {kind_of(events)}: make them with edge_vpr.make_events")
-    if events.dtype.names is None or not {"t", "x", "y"} <= set(events.dtype.names):
-        raise EventError(
-            f"event array has dtype {events.dtype}, without the fields t, x, y: "
-            "make events with edge_vpr.make_events"
         )
 
 
