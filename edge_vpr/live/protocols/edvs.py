@@ -49,13 +49,34 @@ def _layout_of(bits: int, sync: int) -> Layout:
     )
 
 
+# Commands to the device.
+
+
+class _Commands(Decoder):
+    """Commands that make a device send the format which its decoder expects."""
+
+    command = ""  #: Of the format.
+
+    def setup(self) -> bytes:
+        """Return commands: stop events, echo off, set the format, clock to zero, start events."""
+        return f"E-\n!U0\n!{self.command}\n!ET0\nE+\n".encode("ascii")
+
+    def greeting(self) -> bytes:
+        """Return the commands that leave a running device as it is, and start another one."""
+        return f"!U0\n!{self.command}\nE+\n".encode("ascii")
+
+    def teardown(self) -> bytes:
+        """Return the command that stops events."""
+        return b"E-\n"
+
+
 # The eDVS format E1: 3 to 6 bytes an event, with the time since the previous event.
 
 
 _LONGEST = 6
 
 
-class StepDecoder(Decoder):
+class EdvsStepDecoder(_Commands):
     """Decodes E1, whose events are 3 to 6 bytes long.
 
     A shifted stream is noticed at the first byte without the expected sync bit, or at the first
@@ -186,28 +207,6 @@ def _encode_steps(events: Events, since_us: int, sync: int) -> bytes:
 
 
 # The stream of a device.
-
-
-class _Commands(Decoder):
-    """Commands that make a device send the format which its decoder expects."""
-
-    command = ""  #: Of the format.
-
-    def setup(self) -> bytes:
-        """Return commands: stop events, echo off, set the format, clock to zero, start events."""
-        return f"E-\n!U0\n!{self.command}\n!ET0\nE+\n".encode("ascii")
-
-    def greeting(self) -> bytes:
-        """Return the commands that leave a running device as it is, and start another one."""
-        return f"!U0\n!{self.command}\nE+\n".encode("ascii")
-
-    def teardown(self) -> bytes:
-        """Return the command that stops events."""
-        return b"E-\n"
-
-
-class EdvsStepDecoder(_Commands, StepDecoder):
-    """Decodes E1."""
 
 
 class EdvsDecoder(_Commands, LayoutDecoder):
