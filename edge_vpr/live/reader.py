@@ -150,6 +150,11 @@ class LinkReader:
         return self._link.live
 
     @property
+    def drops(self) -> bool:
+        """Whether bytes that have waited for too long are dropped."""
+        return self.live if self._drop is None else self._drop
+
+    @property
     def ended(self) -> bool:
         """Whether the link has ended for good."""
         with self._changed:
@@ -198,7 +203,6 @@ class LinkReader:
                 self._changed.notify_all()
 
     def _read(self, link: Link) -> None:
-        drop = link.live if self._drop is None else self._drop
         self._errors_before, look = self.line_errors, 0.0
         while not self._stopping.is_set():
             if time.monotonic() >= look:
@@ -207,7 +211,7 @@ class LinkReader:
             data = link.read(_WAIT_S)
             if data:
                 reopened, self._reopened = self._reopened or link.stream_changed(), False
-                self._put(Chunk(data, time.monotonic(), 0, reopened), drop)
+                self._put(Chunk(data, time.monotonic(), 0, reopened), self.drops)
 
     def _put(self, piece: Chunk, drop: bool) -> None:
         with self._changed:

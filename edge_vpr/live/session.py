@@ -282,7 +282,7 @@ class LiveSession:
             )  # fmt: skip
             stack.callback(self._reader.stop)
             # a sender that waits for this host, such as a replay, may be faster than the clock
-            decoder.live = self._reader.live and self._drop is not False
+            decoder.live = self._reader.live and self._reader.drops
             self._odometer: OdometerReader | None = None
             if self._odometry is not None:
                 self._odometer = OdometerReader(self._odometry, self._say, retry=self._reconnect)
@@ -334,11 +334,8 @@ class LiveSession:
             for i, match in enumerate(step.matches, 1):
                 waited_s = time.monotonic() - ready_s
                 age_s = match.age_s + waited_s
-                if (
-                    i < len(step.matches)
-                    and age_s > self._max_lag_s / 2
-                    and self._drop is not False
-                ):
+                late = age_s > self._max_lag_s / 2 and self._reader.drops
+                if late and i < len(step.matches):
                     continue
                 yield match.at_age(age_s, self._oldest_s(match))
             if (now := time.monotonic()) - self._beat_s >= self._heartbeat_s:
