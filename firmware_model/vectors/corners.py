@@ -39,7 +39,7 @@ def corner_cases(design: Design) -> list[Case]:
     )  # fmt: skip
     return [
         *event_cases(design), *match_cases(design), _half_a_period_late(design),
-        numbered("numbered", one),
+        _long_silence(one), _many_ties(one),
     ]  # fmt: skip
 
 
@@ -209,14 +209,20 @@ def _many_windows(design: Design) -> Case:
     return _case("many_windows", stream)
 
 
-def numbered(name: str, design: Design) -> Case:
-    """Make a case of more windows than 12 bits can number, with an event in each."""
-    stream = Stream(design)
-    for number in range(4100):
-        stream.slot(number % design.slots)
+def _long_silence(design: Design) -> Case:
+    """Make a case of more windows than 16 bits can number, with events in the first and the last.
+
+    Nearly all are ended by one event, since a file should not have so many.
+    """
+    stream = Stream(replace(design, tau_us=1_000, timestamp_bits=32))
+    for number in range(300):
+        stream.slot(0, 1 + number % 3)
         stream.end()
+    stream.skip(1 << 16)
+    stream.slot(0)
+    stream.end()
     stream.close()
-    return stream.case(name, [[k % 2] * design.slots for k in range(design.places)])
+    return stream.case("long_silence", [[1]])
 
 
 def _near_ends(design: Design) -> Case:
@@ -289,6 +295,13 @@ def _sums_above_16_bits(design: Design) -> Case:
         # a place that is nearer by some units in one slot is so in all sums with it
         rows[place][-1] = top // 2
     return stream.case("wide_sums_of_sequences", rows)
+
+
+def _many_ties(design: Design) -> Case:
+    """Make a case of a match at more places than 15 bits can count."""
+    design = replace(design, places=33_000)
+    stream = Stream.showing(design, [[1], [0]])
+    return stream.case("many_ties", [[1]] * (design.places - 1) + [[0]])
 
 
 def _patterns(design: Design) -> dict[str, tuple[Design, str]]:

@@ -15,11 +15,11 @@ from firmware_model.vectors.facts import (
     BITS,
     FILTER_CORNERS,
     Facts,
-    advanced_by,
     bits_of,
     replaced,
     see_sums,
 )
+from firmware_model.vectors.fast_filter import advanced_by
 
 #: name of each corner, and what is counted as one occurrence of it
 CORNERS = {
@@ -49,6 +49,7 @@ CORNERS = {
     "all_equal_counts": "a window with the same count, not zero, in every counter",
     "window_above_255": "a window with a number above 255",
     "window_above_4095": "a window with a number above 4,095",
+    "window_above_65535": "a window with a number above 65,535",
     "narrow_clock": "a window longer than a ninth of the clock's period",
     "incomplete_sequence": "a window before which there were fewer than L - 1",
     "zero_distance": "a place at distance zero",
@@ -56,6 +57,7 @@ CORNERS = {
     "diagonal_off_the_map": "a window nearest to a place at which no sequence can end",
     "tie_of_two": "a match with one more place at its sum",
     "tie_of_three": "a match with two more places, or more",
+    "ties_above_32767": "a match with more than 32,767 more places",
     "tie_across_zone": "a match whose second best has the same sum",
     "tie_of_seconds": "a match with two places or more at the second best sum, outside the zone",
     "tie_of_seconds_on_the_left": "such a match with two or more of them below the best",
@@ -211,6 +213,7 @@ def _see_window(machine: Machine, window: WindowResult, tally: Counter[str]) -> 
         tally["short_clock_wrapped"] += machine.end < design.tau_us and design.timestamp_bits < 32
     tally["window_above_255"] += window.number > 255
     tally["window_above_4095"] += window.number > 4095
+    tally["window_above_65535"] += window.number > 65_535
     tally["incomplete_sequence"] += window.number + 1 < design.length
     tally["lanes_unfilled"] += design.slots % design.lanes > 0
 
@@ -234,6 +237,7 @@ def _see_match(
     see_sums(tally, wanted, [total for _, total in sums], design.exclusion)
     tally["tie_of_two"] += match.ties == 1
     tally["tie_of_three"] += match.ties >= 2
+    tally["ties_above_32767"] += match.ties > 32_767
     tally["long_sequence"] += design.length > 8
     tally["one_place"] += design.places == 1
     tally["accepted"] += match.accepted

@@ -29,7 +29,7 @@ from firmware_model.specification import (
 )
 from firmware_model.specification_drive import bias_of
 from firmware_model.vectors.case import Case, Stream
-from firmware_model.vectors.corners import moved_by, numbered
+from firmware_model.vectors.corners import moved_by
 from firmware_model.vectors.coverage import coverage
 from firmware_model.vectors.facts import (
     BITS,
@@ -608,7 +608,14 @@ def _quiet(name: str, design: Design, vary: Vary, rng: np.random.Generator, draw
 
 
 def _numbered(name: str, design: Design, vary: Vary, rng: np.random.Generator, drawn: int) -> Case:
-    return numbered(name, vary(design, window="time", places=3, pixels=1, gains=1, lookup_depth=0))
+    """Draw more windows than 12 bits can number, with an event in each."""
+    design = vary(design, window="time", places=3, pixels=1, gains=1, lookup_depth=0)
+    stream = Stream(design)
+    for number in range(4100):
+        stream.slot(number % design.slots)
+        stream.end()
+    stream.close()
+    return stream.case(name, [[k % 2] * design.slots for k in range(design.places)])
 
 
 def _half(name: str, design: Design, vary: Vary, rng: np.random.Generator, drawn: int) -> Case:

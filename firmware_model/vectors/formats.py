@@ -4,13 +4,11 @@ from __future__ import annotations
 
 import csv
 import io
-import zipfile
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from itertools import accumulate
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
 from firmware_model.vectors.manifest import FieldPlace
 
@@ -99,19 +97,6 @@ def csv_text(names: Iterable[str], rows: Iterable[Sequence[object]]) -> str:
     text = io.StringIO()
     csv.writer(text, lineterminator="\n").writerows([names, *rows])
     return text.getvalue()
-
-
-def npz(arrays: Mapping[str, npt.NDArray[Any]]) -> bytes:
-    """Return an uncompressed NumPy archive without times: equal arrays give equal bytes."""
-    out = io.BytesIO()
-    with zipfile.ZipFile(out, "w", zipfile.ZIP_STORED) as archive:
-        for name, array in arrays.items():
-            member = io.BytesIO()
-            np.lib.format.write_array(member, array, allow_pickle=False)
-            entry = zipfile.ZipInfo(f"{name}.npy", date_time=(1980, 1, 1, 0, 0, 0))
-            entry.create_system = 3  # independent of the system that this runs on
-            archive.writestr(entry, member.getvalue())
-    return out.getvalue()
 
 
 def c_array(name: str, data: bytes) -> str:

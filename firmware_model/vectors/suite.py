@@ -8,9 +8,8 @@ from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 from importlib.metadata import version
-from itertools import chain
+from itertools import chain, pairwise
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -38,6 +37,9 @@ from firmware_model.vectors.manifest import (
     SuiteEntry,
 )
 from firmware_model.vectors.random_cases import random_cases, window_cases
+
+#: of the board that the examples are linked for; larger cases have no files for its flash
+FLASH_BYTES = 512 << 10
 
 
 def memory_words(memories: Memories) -> dict[str, Table]:
@@ -153,40 +155,6 @@ def csv_files(case: Case, done: Trace) -> dict[str, str]:
     }
 
 
-def arrays(case: Case, done: Trace) -> dict[str, np.ndarray[Any, Any]]:
-    """Return the arrays of a case by name; -1 stands for an absent value."""
-    lookup, design = case.memories.lookup(), case.design
-    t, x, y, on = zip(*case.events, strict=True) if case.events else ((),) * 4
-    columns = len(_match_columns(design))
-    matches = [[-1 if v is None else int(v) for v in match[:columns]] for match in done.matches]
-    windows = [window.codes for window in done.windows]
-    ended = [window.events for window in done.windows]
-    shape = (-1, design.slots)
-    return {
-        "t": np.array(t, dtype="<u8"),
-        "x": np.array(x, dtype="<u2"),
-        "y": np.array(y, dtype="<u2"),
-        "on": np.array(on, dtype="?"),
-        "start": np.array(case.start, dtype="<u8"),
-        "pixels": np.array(case.memories.pixels, dtype="<u2"),
-        "displacement": np.array(lookup.displacement, dtype="<u4"),
-        "owner": np.array(lookup.owner, dtype="<u4"),
-        "slot": np.array(lookup.slot, dtype="<u4"),
-        "levels": np.array(LEVELS if design.contrast else (), dtype="<u2"),
-        "places": np.array(case.memories.places, dtype="<u2"),
-        "expected_slot": np.array([-1 if r.slot is None else r.slot for r in done.events], "<i4"),
-        "expected_count": np.array([r.counted for r in done.events], dtype="<u4"),
-        "expected_window_events": np.array(ended, dtype="<u4"),
-        "expected_windows": np.array(windows, dtype="<u2").reshape(shape),
-        "expected_matches": np.array(matches, dtype="<i8").reshape(-1, columns),
-        "means": np.array(case.memories.mean, dtype="<u2"),
-        "activity": np.array(case.memories.activity, dtype="<u4"),
-        "limits": np.array(case.memories.limits, dtype="<u2"),
-        "place_activity": np.array(case.memories.place_activity, dtype="i1"),
-        "place_bias": np.array(case.memories.place_bias, dtype="u1"),
-    }
-
-
 # The suites, and the folder that they are written to.
 
 
@@ -199,7 +167,7 @@ What a device of the design in design.toml computes, to the bit, in folders SUIT
 - manifest.json: every file with its SHA-256, the fields of each word, units, what a device holds
   when it is switched on (each case begins so), the order of reading, and what each case covers
 - events.* in, expected_events.*, expected_windows.* and expected_matches.* out; *.mem are words for
-  $readmemh, *.coe and *.mif the same for vendors' tools, *.csv and case.npz for other programs
+  $readmemh, *.coe and *.mif the same for vendors' tools, *.csv for other programs
 - image.bin, events.bin, expected.bin and case.h: the same for the firmware in C
 - rtl: the hardware core, if it was asked for
 
@@ -256,7 +224,7 @@ def cases_within(suites: Suites, most_bytes: float) -> dict[str, list[Case]]:
     Parameters
     ----------
     most_bytes : float
-        Of all files; estimated from the numbers of events and places.
+        Of all files; estimated from the numbers of events, windows and places.
 
     Returns
     -------
@@ -300,7 +268,20 @@ def cases_within(suites: Suites, most_bytes: float) -> dict[str, list[Case]]:
 def estimated_bytes(case: Case) -> int:
     """Estimate the size of the files of a case."""
     design = case.design
-    return 40_000 + 225 * len(case.events) + 18 * design.places * design.slots
+    windows = (90 + 22 * design.slots) * _ended_windows(case)
+    return 40_000 + 165 * len(case.events) + windows + 17 * design.places * design.slots
+
+
+def _ended_windows(case: Case) -> int:
+    """Return about how many windows the events of a case end."""
+    design = case.design
+    if design.window == "count":
+        chosen = set(case.memories.pixels)
+        return sum((event.x, event.y) in chosen for event in case.events) // design.window_events
+    times, period = [case.start, *(event.t for event in case.events)], 1 << design.timestamp_bits
+    steps = ((after - before) % period for before, after in pairwise(times))
+    elapsed = sum(step if step < period // 2 else step - period for step in steps)
+    return max(elapsed // design.tau_us, 0)
 
 
 def write_suites(
@@ -383,7 +364,6 @@ def _write_case(folder: Path, suite: str, case: Case, number: int, rtl: bool) ->
     files |= csv_files(case, done)
     if rtl:
         files[f"{PACKAGE}.sv"] = package(case.design)
-    files["case.npz"] = formats.npz(arrays(case, done))
     expected = to_binary(records(in_order(done)))
     files["expected.bin"] = expected
     try:
@@ -396,10 +376,11 @@ def _write_case(folder: Path, suite: str, case: Case, number: int, rtl: bool) ->
         if case.design.filters:
             firmware += f", {kept} of which keep distances"
         files |= {"image.bin": flash, "events.bin": events}
-        files["image.hex"] = formats.intel_hex(flash)
-        files["case.h"] = formats.case_header(
-            case.name, case.start, ram, kept, flash, events, expected
-        )
+        if len(flash) + len(events) + len(expected) <= FLASH_BYTES:
+            files["image.hex"] = formats.intel_hex(flash)
+            files["case.h"] = formats.case_header(
+                case.name, case.start, ram, kept, flash, events, expected
+            )
     entries = {}
     for name, content in files.items():
         data = content.encode("ascii") if isinstance(content, str) else content

@@ -40,7 +40,6 @@ def large_cases(design: Design) -> list[Case]:
         _shown("held", held, [3 + i % 7 for i in range(42)], lambda k: [k * 7 % 97]),
         _shown("zone", zone, [9, 9, 9], lambda k: [9 if k > 32_795 else 30 + k % 50]),
         _shown("wide", wide, [1, 1], lambda k: [k] * wide.slots),
-        _many_windows(replace(one, tau_us=1_000)),
     ]
 
 
@@ -56,16 +55,6 @@ def _long_window(design: Design) -> Case:
     stream = Stream.showing(design, shown)
     places = stream.shown_codes()[-2:] * 2
     return stream.case("long_window", places, activity=100 << ACTIVITY_FRACTION_BITS)
-
-
-def _many_windows(design: Design) -> Case:
-    """Show windows around a silence of more windows than 16 bits can count."""
-    stream = Stream(design)
-    stream.fill([3])
-    stream.skip(1 << 16)
-    stream.fill([2])
-    stream.close()
-    return stream.case("many_windows", [[1]])
 
 
 def _wide_evidence(design: Design) -> Case:

@@ -275,10 +275,14 @@ def unpack(word: int, fields: tuple[FieldPlace, ...]) -> dict[str, int]:
     return {f.field: word >> f.lowest_bit & ((1 << f.bits) - 1) for f in fields}
 
 
+def table(path: Path) -> list[list[int]]:
+    """Read the numbers of a CSV file below its line of names."""
+    return [[int(value) for value in line.split(",")] for line in path.read_text().split()[1:]]
+
+
 def test_all_forms_of_a_memory_hold_the_same(vectors):
-    """`.mem`, COE and MIF word by word; unpacked by the manifest alone, they are the NPZ's."""
+    """`.mem`, COE and MIF word by word; unpacked by the manifest alone, they are those of CSV."""
     for name, case, place in each_case(vectors):
-        arrays = np.load(place / "case.npz")
         words = {
             stem: [int(line, 16) for line in (place / f"{stem}.mem").read_text().split()]
             for stem in case.words
@@ -291,19 +295,16 @@ def test_all_forms_of_a_memory_hold_the_same(vectors):
             assert [int(a, 16) for a, _ in pairs] == list(range(len(words[stem])))
             assert [int(w, 16) for _, w in pairs] == words[stem]
         taken = {stem: [unpack(word, case.words[stem]) for word in words[stem]] for stem in words}
-        assert [e["t"] for e in taken["events"]] == arrays["t"].tolist(), name
-        assert [(e["x"], e["y"], e["on"]) for e in taken["events"]] == list(
-            zip(*(arrays[column].tolist() for column in ("x", "y", "on")), strict=True)
-        )
-        assert [e["owner"] for e in taken["lookup"]] == arrays["owner"].tolist()
-        lanes, slots = case.design.lanes, arrays["places"].shape[1]
-        for stem, rows in (("places", "places"), ("expected_windows", "expected_windows")):
+        events = [[e[column] for column in ("t", "x", "y", "on")] for e in taken["events"]]
+        assert events == table(place / "events.csv"), name
+        lanes, slots = case.design.lanes, case.design.slots
+        windows = [row[2:] for row in table(place / "expected_windows.csv")]
+        for stem, rows in (("places", table(place / "places.csv")), ("expected_windows", windows)):
             flat = [word[f"lane_{i}"] for word in taken[stem] for i in range(lanes)]
-            table = np.array(flat).reshape(len(arrays[rows]), -1)
-            assert np.array_equal(table[:, :slots], arrays[rows]) and not table[:, slots:].any()
-        for match, row in zip(
-            taken["expected_matches"], arrays["expected_matches"].tolist(), strict=True
-        ):
+            packed = np.array(flat).reshape(len(rows), -1)
+            assert packed[:, :slots].tolist() == rows and not packed[:, slots:].any()
+        matches = table(place / "expected_matches.csv")
+        for match, row in zip(taken["expected_matches"], matches, strict=True):
             window, best, total, second, second_sum, ties, accepted = row
             assert (match["window"], match["place"], match["sum"]) == (window, best, total)
             assert (match["ties"], match["accepted"]) == (ties, accepted)
@@ -547,24 +548,25 @@ def test_the_command_makes_and_verifies_vectors(tmp_path, run, refused):
 def same_as_the_pipeline(folder, map_file, query) -> int:
     """Hold the suite `recording` to what the pipeline makes of the same drive."""
     reference = ReferenceMap.load(map_file)
-    arrays = np.load(folder / "recording" / "drive" / "case.npz")
+    drive = folder / "recording" / "drive"
     recording = open_recording(query)
     device = replace(reference.settings, smooth=False)
     reference = replace(reference, settings=device)
     queries = describe_query(reference, recording)
-    windows = arrays["expected_windows"]
+    windows = np.array(table(drive / "expected_windows.csv"))[:, 2:]
     assert 0 < len(windows) <= len(queries)
     assert np.array_equal(windows, queries.counts[: len(windows)])
     matches = match_descriptors(reference.places, queries, device)
     length = device.windows_per_match
     end = length - 1 - length // 2  # from the middle window of a sequence to the newest
-    for row, i in zip(arrays["expected_matches"].tolist(), range(len(matches)), strict=False):
+    rows = table(drive / "expected_matches.csv")
+    for row, i in zip(rows, range(len(matches)), strict=False):
         assert row[0] == matches.query[i] + end
         assert row[1] == matches.place[i] + end and row[2] == matches.distance_sum[i]
         assert row[4] == matches.second_sum[i] and row[5] == matches.ties[i]
         assert row[3] == (matches.second[i] + end if matches.second[i] >= 0 else -1)
         assert device.matching == "sequence" or row[7] == matches.trust[i]
-    return len(arrays["expected_matches"])
+    return len(rows)
 
 
 @pytest.mark.parametrize(
@@ -651,11 +653,12 @@ def test_a_recording_is_limited_in_windows(recorded, tmp_path, run):
         folder = tmp_path / f"v{i}"
         run(*golden, folder, *flags)
         drive = folder / "recording" / "drive"
-        arrays = np.load(drive / "case.npz")
-        assert len(arrays["expected_windows"]) == len(arrays["expected_matches"]) == windows
+        for kind in ("windows", "matches"):
+            assert len(table(drive / f"expected_{kind}.csv")) == windows
         # events elsewhere are in it too
-        elsewhere = int((arrays["expected_slot"] < 0).sum())
-        assert 0 < elsewhere <= int((arrays["expected_slot"] >= 0).sum()) + 1
+        slots = [slot for _, slot, _ in table(drive / "expected_events.csv")]
+        elsewhere = slots.count(-1)
+        assert 0 < elsewhere <= len(slots) - elsewhere + 1
         parts = ("image", "events", "expected")
         assert sum((drive / f"{p}.bin").stat().st_size for p in parts) < 504 * 1024
         same_as_the_pipeline(folder, made, query)

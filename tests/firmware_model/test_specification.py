@@ -15,7 +15,8 @@ from firmware_model import Design, Memories
 from firmware_model import specification as spec
 from firmware_model import specification_drive as drive
 from firmware_model.design import LEVELS
-from firmware_model.vectors.facts import advanced_by, replaced
+from firmware_model.vectors.facts import replaced
+from firmware_model.vectors.fast_filter import advanced_by
 from fixedpoint.activity import BANK_COSTS
 from tests.firmware_model.designs import random_stream, wrapped
 
