@@ -7,11 +7,10 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from lab.codes import TableCode
-from lab.drives import check_data, open_pairs, without_pairs
+from lab.drives import open_pairs
 from lab.experiments import codes
 from lab.loop import Draw
 
-from edge_vpr.errors import UsageError
 from edge_vpr.settings import PRESETS
 
 #: counts of 8 bits
@@ -56,13 +55,6 @@ def test_the_figures_quoted_for_brisbane_are_those_of_this_code(scores_by_pair):
     }
 
 
-def test_all_codes_of_a_pair_see_the_same_counts(shared_data):
-    """A code that keeps every count gives what no code gives."""
-    pair = next(open_pairs(shared_data))
-    scores = score(pair, 0, {"all": TableCode("linear", 16), "none": None})
-    assert scores["all"] == scores["none"]
-
-
 def test_every_code_is_a_row_and_is_drawn():
     values = iter(np.linspace(0.2, 0.9, 1000))
     mapped = SimpleNamespace(
@@ -81,19 +73,3 @@ def test_every_code_is_a_row_and_is_drawn():
     drawn = axes.containers[0].lines[0].get_ydata().tolist()
     assert drawn == [row["P@100R"] for row in rows[:bits]]
     assert [row["bytes per place"] for row in rows[:bits]] == [4, 7, 10, 13, 19, 25]
-
-
-def test_pairs_are_those_whose_folders_are_there(tmp_path):
-    with pytest.raises(UsageError, match=r"holds no pair: name a folder .* brisbane_sparse49"):
-        check_data(tmp_path)
-    with pytest.raises(UsageError, match="no folder was given with --data: name a folder"):
-        check_data(None)
-    assert without_pairs(None, ["speck_walks"]).count("speck_") == 1
-    assert list(open_pairs(tmp_path)) == []
-    (tmp_path / "speck_indoor").mkdir()
-    for name in ("reference", "query"):
-        np.savez(tmp_path / "speck_indoor" / name, frames=np.ones((40, 8, 8), np.uint8))
-    assert [pair.name for pair in open_pairs(tmp_path)] == [
-        "Speck indoor, 25 px",
-        "Speck indoor, 150 px",
-    ]

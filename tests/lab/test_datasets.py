@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import os
-import subprocess
-import sys
 from pathlib import Path
 
 import numpy as np
@@ -15,7 +12,6 @@ from lab.datasets import (
     BRISBANE_TRAVERSES,
     QCR_LANDMARKS_M,
     QCR_TRAVERSES,
-    SENSOR,
     BrisbaneTraverse,
     QCRTraverse,
 )
@@ -26,7 +22,7 @@ from edge_vpr.descriptors.windows import FixedCount, FixedTime
 from edge_vpr.errors import EventError, GroundTruthError, RecordingError, UsageError
 from edge_vpr.evaluation.ground_truth import from_tracks
 from edge_vpr.evaluation.tracks import great_circle
-from edge_vpr.events import EVENT_DTYPE, Sensor, join_events, make_events
+from edge_vpr.events import EVENT_DTYPE, Sensor, make_events
 from tests import naive
 from tests.lab.test_intensity import write_bag as write_messages
 from tests.maps.saved_files import sentence
@@ -112,22 +108,6 @@ def test_missing_fields_and_time_out_of_order_are_errors():
         CountPixels(pixel_map([(0, 0)]))(np.zeros((2, 4)))
     with pytest.raises(EventError, match="time runs backwards"):
         CountPixels(pixel_map([(0, 0)]), FixedTime(5))(make_events([9, 3], [0, 0], [0, 0]))
-
-
-def test_counting_needs_no_tonic():
-    code = (
-        "import sys, edge_vpr.descriptors.counting, lab.datasets; sys.exit('tonic' in sys.modules)"
-    )
-    environment = {**os.environ, "PYTHONPATH": str(Path(__file__).parents[2])}
-    assert (
-        subprocess.run([sys.executable, "-c", code], env=environment, check=False).returncode == 0
-    )
-
-
-def test_a_busy_pixel_does_not_wrap_as_in_tonics_frames_of_16_bits():
-    n = 70_000
-    busy = np.asarray(make_events(np.arange(n), np.full(n, 3), np.full(n, 2)))
-    assert CountPixels(pixel_map([(3, 2)]))(busy).tolist() == [n]
 
 
 def test_it_works_after_other_transforms():
@@ -279,14 +259,6 @@ def test_a_brisbane_traverse_begins_with_its_gps_log_and_ends_with_it(
     np.testing.assert_allclose(great_circle(there, here), 40, rtol=0.01)
 
 
-def test_only_exact_names_count(datasets, tmp_path):
-    """A file that merely begins like a published one may be anything."""
-    (tmp_path / "dvs_vpr_2020-04-21-17-03-03_denoised.parquet").touch()
-    (tmp_path / "dvs_vpr_2020-04-21-17-03-03_no_hot_pixels_nobursts_denoised.parquet.part").touch()
-    with pytest.raises(RecordingError, match="holds no recording such as dvs_vpr_2020-04-21"):
-        datasets.BrisbaneEventVPR(tmp_path)
-
-
 def test_what_is_missing_is_named_with_the_page_to_get_it_from(datasets, tmp_path):
     with pytest.raises(RecordingError, match=r"does not hold dvs_vpr_2020-04-27.*zenodo"):
         datasets.BrisbaneEventVPR(tmp_path, ["night"], files="bag")
@@ -329,56 +301,3 @@ def test_qcr_traverses_of_two_speeds_have_the_truth_of_their_landmarks(datasets,
     assert truth.has_place.all()
     # the fourth landmark is passed at 58 s and, slowly, at 110 s
     assert truth.correct[57, 109]
-
-
-def test_transforms_apply_to_events_and_target(datasets, tmp_path):
-    traverse = qcr("fast2")
-    write_parquet(tmp_path / traverse.file_name("parquet"), np.arange(700) * 100_000)
-    count = CountPixels(
-        PixelMap(SENSOR, np.array([0, 1]), np.array([0, 1])), FixedTime(34 * SECOND)
-    )
-    dataset = datasets.QCREventVPR(
-        tmp_path,
-        transform=count,
-        target_transform=lambda target: target.traverse,
-        transforms=lambda counts, name: (counts + 1, name.upper()),
-    )
-    counts, name = dataset[0]
-    assert name == "FAST2"
-    # event i lies at (i mod 346, i mod 260); 680 events, of which the first window holds 340
-    assert counts.tolist() == [[2, 2]]
-
-
-def test_faulty_events_are_an_error_unless_they_may_be_dropped(datasets, tmp_path):
-    traverse = qcr("fast2")
-    t = np.arange(700) * 100_000
-    t[50] -= 10 * 100_000
-    write_parquet(tmp_path / traverse.file_name("parquet"), t)
-    with pytest.raises(RecordingError):
-        datasets.QCREventVPR(tmp_path)[0]
-    events, _ = datasets.QCREventVPR(tmp_path, on_fault="drop")[0]
-    assert events.size == 679
-
-
-def test_streaming_gives_the_same_events(datasets, tmp_path):
-    traverse = qcr("fast1")
-    write_parquet(tmp_path / traverse.file_name("parquet"), np.arange(900) * 100_000)
-    dataset = datasets.QCREventVPR(tmp_path)
-    chunks, target = dataset.stream(0)
-    events, same = dataset[0]
-    np.testing.assert_array_equal(join_events(list(chunks)), events)
-    assert target.traverse == same.traverse == "fast1"
-
-
-def test_without_tonic_the_error_names_the_extra():
-    code = (
-        "import sys; sys.modules['tonic'] = None\n"
-        "from edge_vpr.errors import MissingExtraError\n"
-        "try:\n    import lab.tonic_datasets\n"
-        "except MissingExtraError as error:\n    sys.exit(str(error))"
-    )
-    environment = {**os.environ, "PYTHONPATH": str(Path(__file__).parents[2])}
-    run = subprocess.run(
-        [sys.executable, "-c", code], env=environment, capture_output=True, text=True, check=False
-    )
-    assert run.stderr.strip().endswith("[tonic]'")

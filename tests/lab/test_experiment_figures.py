@@ -12,19 +12,17 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from edge_vpr_tools.report.figures import precision_recall, reliability_diagram
-from lab import drives, plots, shipped_tables
-from lab import nulls as nulls_module
+from lab import plots, shipped_tables
 from lab.__main__ import main
-from lab.experiments import EXPERIMENTS, calibration, places_per_window, simulated, speck_walks
+from lab.experiments import EXPERIMENTS, calibration
 from lab.loop import DRIVES, open_experiment
 from lab.tables import SEED
-from lab.variants import Variant, variants_experiment
 
 from edge_vpr.confidence import DEFAULT_TABLES, LIVE, LIVE_ON_MAP, SMOOTHED, TABLES
 from edge_vpr.evaluation.calibration import reliability
 from edge_vpr.settings import PRESETS
 from edge_vpr.simulation import simulate_pair
-from tests.lab.in_process import rows_of, walks_in
+from tests.lab.in_process import rows_of
 
 FEW = {"pixels": 10, "sigma": 1.0}
 STREET = partial(simulate_pair, sensor="tiny", length_m=80.0)
@@ -74,36 +72,6 @@ def test_a_dot_is_the_mean_and_its_bar_the_spread():
     assert [label.get_text() for label in lower.get_yticklabels()] == ["a"]
     assert [axes.get_title() for axes in (beside[0], lower)] == ["d", "e\n3"] and len(beside) == 4
     assert np.isnan(dots(lower)[0]).all() and dots(lower)[1] == [pytest.approx(0.4)]
-
-
-def test_the_null_baselines_of_the_default_follow_it_on_simulated_streets(monkeypatch):
-    monkeypatch.setattr(drives, "simulate_pair", STREET)
-    some = (Variant("few", FEW), Variant("every", FEW, all_pixels=True))
-    declared = variants_experiment(simulated.EXPERIMENT.drives, some, "few", reads_data=False)
-    monkeypatch.setattr(simulated, "EXPERIMENT", declared)
-    rows = rows_of(simulated, None, 2)
-    nulls = ["null: query reversed", nulls_module.CONSTANT_SPEED]
-    for seed in (0, 1):  # the null baselines of the default follow it
-        named = [row["variant"] for row in rows if row["seed"] == seed]
-        assert named[0] == "few" and named[-1] == "every" and set(nulls) < set(named[1:-1])
-    assert rows[0]["bytes per window"] == 10 and rows[0]["operations per query"] % 10 == 0
-    assert {row["parameters chosen on"] for row in rows} == {
-        "its authors", "streets and the real drives", "none",
-    }  # fmt: skip
-
-
-@pytest.fixture(scope="module")
-def walks(tmp_path_factory):
-    return walks_in(tmp_path_factory.mktemp("walks"), 16)
-
-
-def test_variants_that_draw_nothing_are_run_once(walks, monkeypatch):
-    top = Variant("top", {**FEW, "strategy": "top"})
-    declared = variants_experiment(speck_walks.EXPERIMENT.drives, (Variant("few", FEW), top), "")
-    monkeypatch.setattr(speck_walks, "EXPERIMENT", declared)
-    rows = rows_of(speck_walks, walks, 2)
-    assert [row["variant"] for row in rows] == ["few", "top", "few"]
-    assert rows[0]["operations per query"] == 10 * 30
 
 
 @pytest.fixture
@@ -225,28 +193,3 @@ def test_the_axis_of_precision_goes_from_0_to_1_at_most(least):
     assert axes.get_legend() is None
     # of the lower of two thresholds, so that the curve leaves 0.99 at R@99P
     assert axes.lines[0].get_drawstyle() == "steps-pre"
-
-
-def test_half_windows_are_judged_on_whole_drives_and_off_the_map(walks, monkeypatch):
-    """Streets have an odometer too; each drive is cut, and carried off."""
-    monkeypatch.setattr(places_per_window, "simulate_pair", STREET)
-    monkeypatch.setattr(places_per_window, "LIGHTS", {"in other light": "street"})
-    monkeypatch.setattr(places_per_window, "PIXELS", (10,))
-    rows = rows_of(places_per_window, walks, 1)
-    on_street = [row for row in rows if row["drives"].startswith("streets")]
-    # 2 ways to match, 2 maps: whole and two nulls, with and without odometry; cut out, carried off
-    assert len(on_street) == 2 * 2 * (2 * 3 + 2) and len(rows) - len(on_street) == 2 * 2 * 5
-    for row in rows:
-        assert 0 <= row["accepted and correct"] <= row["accepted at 0.99"] <= row["windows"]
-        assert row["bytes of the places"] == row["places"] * 5
-        assert (row["P@100R"] is None) == (
-            row["drive"] in (places_per_window.CUT, places_per_window.CARRIED)
-        )
-    right = [
-        np.mean([row["P@100R (wide)"] for row in rows if row["drive"] == name])
-        for name in ("whole", *places_per_window.NULLS)
-    ]
-    assert right[0] > 2 * max(right[1:])
-    shown = {"odometry": "none", "drive": "whole", "matched": "live"}
-    whole, half = [row["places"] for row in on_street if shown.items() <= row.items()]
-    assert half in (2 * whole - 1, 2 * whole)

@@ -5,35 +5,18 @@ from __future__ import annotations
 from functools import partial
 
 import numpy as np
-from lab import drives
 from lab.experiments import frames
 from lab.loop import Draw
-from lab.pairs import SIMULATED, CountedDrive, CountedPair
 
 from edge_vpr.settings import PRESETS
 from edge_vpr.simulation import simulate_pair
 from tests.lab.test_datasets import brisbane, write_log
 from tests.lab.test_intensity import IMAGE, ros_image
 from tests.lab.test_intensity import write_bag as write_messages
-from tests.lab.test_rivals import TRUTHS
 from tests.recordings import recording_files as files
 
 SECOND = 1_000_000
 SETTINGS = PRESETS["paper"].replaced({"sequence_length": 2}, "test")
-
-
-def images_of_places(places=14, seed=0, side=96):
-    rng = np.random.default_rng(seed)
-    return rng.integers(0, 256, (places, side, side), dtype=np.uint8)
-
-
-def small_pair():
-    """A pair as windows of events and as frames, both easily matched."""
-    images = images_of_places()
-    times = np.arange(len(images), dtype=np.int64) * SECOND + SECOND // 2
-    drive = CountedDrive(images, times)
-    pair = CountedPair("streets", drive, drive, SETTINGS, TRUTHS)
-    return frames.FramedPair(pair, pair)
 
 
 def test_simulated_frames_are_taken_in_the_middle_of_the_windows(monkeypatch):
@@ -74,23 +57,3 @@ def test_frames_of_published_bags_are_taken_on_the_clock_of_their_tracks(tmp_pat
         assert drive.centre_us.tolist() == [i * SECOND + SECOND // 2 for i in range(11)]
         assert np.array_equal(drive.images, images[2:13])
     assert np.array_equal(counted.query.centre_us, framed.query.centre_us)
-
-
-def test_events_and_frames_are_compared_by_every_system_and_draw():
-    draws = [Draw(small_pair(), 0, True, ("all-pixels@1,2",)), Draw(small_pair(), 1, False)]
-    first, second = (
-        {(row["seen"], row["system"]): row["P@100R"] for row in frames.measure(draw)}
-        for draw in draws
-    )
-    for seen in ("events", "frames"):
-        for system in ("all pixels", "all-pixels@1,2", "150 by variance"):
-            assert first[seen, system] == 1
-        # pixels are drawn twice, and all pixels are the same for both draws
-        assert second[seen, "25 at random"] == 1 and (seen, "all pixels") not in second
-
-
-def test_a_folder_without_drives_has_streets_only(tmp_path):
-    for folder in (tmp_path, None):
-        assert [each.name for each in frames.drives(folder)] == [SIMULATED]
-        assert [each.name for each in drives.counted_drives(folder)] == [SIMULATED]
-    assert drives.whole_pairs(tmp_path) == []

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import sys
 
 import numpy as np
 import pytest
@@ -11,7 +10,7 @@ from lab.baselines import Ensemble, Member, compare, match_distances, open_basel
 from lab.baselines.dense import AbsoluteDifferences, PatchNormalised, mean_cells
 from lab.baselines.networks import Lens, LensWeights, grid_pixels, load_lens, read_state_dict
 
-from edge_vpr.errors import MissingExtraError, UsageError, WeightsError
+from edge_vpr.errors import UsageError, WeightsError
 from tests.lab.test_baselines import SETTINGS, places_of
 
 # --- weights --------------------------------------------------------------------------------------
@@ -41,25 +40,6 @@ def test_a_file_of_safetensors_is_read_as_it_was_written(tmp_path):
     assert_equal(read_state_dict(state_file(tmp_path / "a.safetensors", TENSORS)), TENSORS)
 
 
-@pytest.mark.parametrize("suffix", [".safetensors", ".pth"])
-def test_what_is_no_file_of_weights_is_one_line(tmp_path, suffix):
-    module = "torch" if suffix == ".pth" else "safetensors"
-    pytest.importorskip(module, reason=f"{module} is not installed")
-    (tmp_path / f"text{suffix}").write_text("no weights")
-    with pytest.raises(WeightsError, match=r"damaged, or no state dict.*torch\.save"):
-        read_state_dict(tmp_path / f"text{suffix}")
-    with pytest.raises(WeightsError, match="cannot be read: No such file"):
-        read_state_dict(tmp_path / f"none{suffix}")
-
-
-def test_a_cut_file_of_safetensors_is_refused(tmp_path):
-    whole = state_file(tmp_path / "a.safetensors", TENSORS).read_bytes()
-    for length in range(len(whole)):
-        (tmp_path / "cut.safetensors").write_bytes(whole[:length])
-        with pytest.raises(WeightsError, match="cut"):
-            read_state_dict(tmp_path / "cut.safetensors")
-
-
 def test_a_state_dict_of_torch_is_read_without_running_what_it_holds(tmp_path):
     torch = pytest.importorskip("torch", reason="torch is not installed (extra torch)")
     state = {name: torch.from_numpy(tensor) for name, tensor in TENSORS.items()}
@@ -74,16 +54,6 @@ def test_a_state_dict_of_torch_is_read_without_running_what_it_holds(tmp_path):
     torch.save({"a": 1}, tmp_path / "d.pth")
     with pytest.raises(WeightsError, match="holds no tensors"):
         read_state_dict(tmp_path / "d.pth")
-
-
-@pytest.mark.parametrize(("suffix", "module"), [(".safetensors", "safetensors"), (".pth", "torch")])
-def test_weights_whose_library_is_missing_name_its_extra(tmp_path, monkeypatch, suffix, module):
-    monkeypatch.setitem(sys.modules, module, None)
-    monkeypatch.setitem(sys.modules, "safetensors.numpy", None)
-    (tmp_path / f"a{suffix}").touch()
-    extra = {"torch": "torch", "safetensors": "lab"}[module]
-    with pytest.raises(MissingExtraError, match=rf"needs the library {module}.*\[{extra}\]"):
-        read_state_dict(tmp_path / f"a{suffix}")
 
 
 # --- LENS -----------------------------------------------------------------------------------------
@@ -257,17 +227,6 @@ def test_a_model_of_random_weights_finds_places_alone_and_in_an_ensemble(tmp_pat
 
 
 @pytest.mark.usefixtures("_runtime")
-def test_a_model_of_any_size_gets_images_as_they_are(tmp_path):
-    weights = np.eye(20, dtype=np.float32)
-    path = onnx_model(tmp_path / "any.onnx", weights, ["n", "channels", "height", "width"])
-    grey = np.random.default_rng(3).integers(0, 256, (2, 4, 5)).astype(np.uint8)
-    baseline = open_baseline(f"model:{path}")
-    assert baseline.describe(grey) == pytest.approx(grey.reshape(2, -1) / 255, abs=1e-6)
-    with pytest.raises(WeightsError, match=r"any.onnx fails on images of shape \(2, 1, 4, 4\)"):
-        baseline.describe(grey[:, :, :4])
-
-
-@pytest.mark.usefixtures("_runtime")
 def test_a_file_that_is_no_model_of_images_is_refused(tmp_path):
     (tmp_path / "text.onnx").write_text("no model")
     square = np.eye(4, dtype=np.float32)
@@ -284,12 +243,6 @@ def test_a_file_that_is_no_model_of_images_is_refused(tmp_path):
             open_baseline(f"model:{path}")
     with pytest.raises(WeightsError, match="values that are not finite"):
         open_baseline(f"model:{broken}").describe(np.ones((1, 2, 2), np.uint8))
-
-
-def test_a_model_without_its_library_names_the_extra(monkeypatch, tmp_path):
-    monkeypatch.setitem(sys.modules, "onnxruntime", None)
-    with pytest.raises(MissingExtraError, match=r"baseline model:FILE.*onnxruntime.*lab"):
-        open_baseline(f"model:{tmp_path / 'a.onnx'}")
 
 
 # --- ensembles ------------------------------------------------------------------------------------

@@ -11,7 +11,7 @@ import pytest
 from lab import datasets
 from lab import drives as drive_pairs
 from lab.__main__ import main
-from lab.experiments import fixed_number, mount_shift, rivals, trust
+from lab.experiments import fixed_number, rivals, trust
 from lab.loop import Draw
 
 from edge_vpr.errors import GroundTruthError, UsageError
@@ -111,14 +111,6 @@ def test_fixed_number_and_fixed_time_are_compared_on_published_traverses(pair, m
     assert query.duration_us / reference.duration_us == pytest.approx(0.5, abs=0.05)
 
 
-def test_probabilities_are_judged_on_published_traverses(pair):
-    rows = {(row["map"], row["matching"]): row for row in trust.measure(Draw(pair, 0, True))}
-    for how in ("smoothed", "live"):
-        assert {("a piece cut out", how), ("carried off twice", how)} < rows.keys()
-        whole = rows["whole", how]
-        assert whole["correct"] == 1 and whole["positions in their interval"] == 1
-
-
 def test_a_promise_is_kept_up_to_the_edge_of_the_exclusion_zone_and_no_further():
     """Places are 30 m apart; the first and the last, and no others, lie within 5 m."""
     along = np.array([0.0, 30.0, 60.0, 90.0, 120.0, 150.0, 4.0, np.nan])
@@ -135,14 +127,6 @@ def test_a_promise_is_kept_up_to_the_edge_of_the_exclusion_zone_and_no_further()
     nearer = replace(positions, query=np.array([[61.0], [1.0], [np.nan]]), unit="frames")
     promised = trust.in_zone(replace(truth, positions=nearer), 1).correct[:, 1]
     assert np.flatnonzero(promised).tolist() == [0, 1]
-
-
-def test_published_traverses_are_compared_by_every_system_at_both_tolerances(downloads):
-    """Without the streets, which take long."""
-    *_, drives = drive_pairs.contests(downloads)
-    pair = drives.open(0)
-    assert drives.name == PAIR and list(pair.truths) == ["70 m", "25 m"]
-    assert pair.reference.images.shape == (29, 260, 346) and pair.laid_out
 
 
 def test_a_lone_traverse_is_no_pair_and_what_to_download_is_said(downloads, tmp_path):
@@ -211,19 +195,3 @@ def test_a_dry_run_lists_every_file_and_finds_those_that_are_not_the_published_o
         monkeypatch.setitem(datasets.DATA_SETS, "Brisbane", data_set)
         assert main(["rivals", "--data", str(downloads), "--dry-run"]) == code
         assert ("another SHA-256 than published" in capsys.readouterr().err) == bool(code)
-
-
-def test_a_missing_folder_for_the_tables_is_an_error_before_any_work(tmp_path, capsys, monkeypatch):
-    def work(*arguments):
-        raise AssertionError("it was run")
-
-    monkeypatch.setattr("lab.__main__.learn", work)
-    folder = tmp_path / "none" / "tables"
-    assert main(["calibration", "--table", str(folder)]) == 2
-    assert f"{folder} is not a folder: make it first" in capsys.readouterr().err
-
-
-def test_counts_of_a_few_locations_are_not_shifted(tmp_path, monkeypatch):
-    monkeypatch.setattr(mount_shift, "recorded_drives", lambda data, images: [])
-    with pytest.raises(UsageError, match=r"no drive with counts at every pixel: .*speck_walks"):
-        mount_shift.drives(tmp_path)

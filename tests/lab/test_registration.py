@@ -12,7 +12,7 @@ from lab.registration import SEQUENCE, estimate_shift, moved_map, reach_of, regi
 from edge_vpr.errors import UsageError
 from edge_vpr.events import Sensor
 from edge_vpr.reference_map import ReferenceMap
-from edge_vpr.settings import PRESETS, Settings
+from edge_vpr.settings import Settings
 from tests import naive
 
 SENSOR = Sensor(32, 24)
@@ -83,15 +83,6 @@ def test_a_shift_that_is_not_clear_moves_nothing():
     assert moved is mapped and (dx, dy) == (0, 0)
 
 
-def test_what_belongs_to_the_pixels_of_the_sensor_does_not_hold_the_map_back():
-    """A camera's own pattern stays where it is when the mounting moves."""
-    rng = np.random.default_rng(6)
-    world, pattern = scenes(rng), rng.integers(0, 60, (SENSOR.height, SENSOR.width))
-    mapped = mapped_with(CHOSEN, seen(world, 0, 0) + pattern)
-    _, dx, dy = register(mapped, seen(world, 2, -1) + pattern)
-    assert (dx, dy) == (2, -1)
-
-
 def test_pixels_off_the_sensor_and_on_hot_pixels_are_dropped():
     rng = np.random.default_rng(8)
     chosen = CHOSEN.replaced({"counter_code": "linear"}, "test")
@@ -109,25 +100,3 @@ def test_pixels_off_the_sensor_and_on_hot_pixels_are_dropped():
     assert moved.settings.pixels == kept.sum()
     with pytest.raises(UsageError, match="no pixel of the map is left"):
         moved_map(mapped, SENSOR.width, 0)
-
-
-def test_a_map_of_several_drives_is_moved_with_its_learnt_means():
-    """What is stored for each counter goes with its pixel, and the moved map can learn further."""
-    rng = np.random.default_rng(9)
-    world = CountedWindows(seen(scenes(rng), 0, 0), TAU)
-    chosen = PRESETS["default"].replaced({"tau_us": TAU, "pixels": 60, "remove_bursts": False}, "t")
-    mapped = ReferenceMap.build(world, chosen).update(world).reference
-    moved = moved_map(mapped, 3, 0)
-    kept = mapped.pixel_map.x.astype(int) + 3 < SENSOR.width
-    assert 0 < kept.sum() < kept.size
-    assert np.array_equal(moved.learnt_mean, mapped.learnt_mean[:, kept])
-    assert np.array_equal(moved.mean, mapped.mean[kept])
-    assert len(moved.match(world).matches)
-
-
-def test_a_map_of_too_few_pixels_is_not_registered():
-    rng = np.random.default_rng(9)
-    images = seen(scenes(rng), 0, 0)
-    few = mapped_with(CHOSEN.replaced({"pixels": 3}, "test"), images)
-    with pytest.raises(UsageError, match="of the map's 3 pixels lie 3 or more from the border"):
-        register(few, images)

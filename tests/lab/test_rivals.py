@@ -5,16 +5,14 @@ from __future__ import annotations
 import csv
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
-from functools import partial
 
 import numpy as np
 import pytest
-from lab import drives as counted_pairs
 from lab import nulls
 from lab.__main__ import main
-from lab.baselines import filter_distances, open_baseline
+from lab.baselines import filter_distances
 from lab.baselines.selected_pixels import SelectedPixels
-from lab.experiments import frames, mount_shift, pixel_number, place_filter, rivals, sensitivity
+from lab.experiments import mount_shift, pixel_number, place_filter, rivals, sensitivity
 from lab.experiments.mount_shift import CountedWindows, shifted
 from lab.loop import Draw, Drives
 from lab.pairs import INNER, CountedDrive, CountedPair, Kept, Pair
@@ -22,7 +20,6 @@ from lab.pairs import INNER, CountedDrive, CountedPair, Kept, Pair
 from edge_vpr.confidence import Acceptance
 from edge_vpr.descriptors.pixels import PixelMap
 from edge_vpr.descriptors.windows import Descriptors, activity_of_drive, place_activity
-from edge_vpr.errors import UsageError
 from edge_vpr.evaluation.ground_truth import Alignment, from_alignment
 from edge_vpr.events import Sensor
 from edge_vpr.matching.distances import ReferenceIndex
@@ -32,7 +29,6 @@ from edge_vpr.matching.prediction import TransitionCosts, Transitions
 from edge_vpr.recordings import open_recording
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.settings import PRESETS
-from edge_vpr.simulation import simulate_pair
 from tests.lab.test_network_baselines import onnx_model
 
 TAU = 1_000_000
@@ -147,11 +143,6 @@ def test_a_network_of_a_file_is_compared_by_the_command(tmp_path, capsys, monkey
         assert float(row["P@100R"]) == 1, row["matching"]
 
 
-def test_later_draws_leave_out_what_draws_nothing():
-    systems = {row["system"] for row in rows_of_contest(contest(), seed=1)}
-    assert "all-pixels, SAD" not in systems and rivals.OURS in systems
-
-
 def test_some_published_pixels_are_laid_out_for_systems_that_compare_neighbours():
     pair = contest(laid_out=False)
     rows = rows_of_contest(pair)
@@ -226,35 +217,6 @@ def test_the_filter_takes_given_distances_as_it_takes_those_of_codes():
         assert np.array_equal(matches.lost, expected.lost)
 
 
-@pytest.mark.parametrize("matching", ["filter", "sequence"])
-def test_distances_of_ones_own_are_finite_and_of_all_places_and_windows(matching):
-    pair = contest()
-    settings = pair.settings.replaced({"matching": matching}, "test")
-    distances = np.ones((40, 40))
-    for wrong in (np.nan, np.inf, -1.0):
-        distances[3, 4] = wrong
-        with pytest.raises(UsageError, match="negative or not finite"):
-            pair.match(distances, settings)
-    with pytest.raises(UsageError, match="give those of 40 places"):
-        pair.match(np.ones((39, 40)), settings)
-    assert len(repr(pair)) < 5_000
-
-
-def test_a_simulated_street_is_counted_by_events(monkeypatch):
-    monkeypatch.setattr(counted_pairs, "simulate_pair", partial(simulate_pair, sensor="tiny"))
-    monkeypatch.setattr(counted_pairs, "LENGTH_M", 50.0)
-    pair = counted_pairs.counted_street(1)
-    totals = pair.reference.images.sum(axis=(1, 2))
-    assert len(pair.reference.images) >= 2 and len(pair.query.images) >= 2
-    # hot pixels were taken out after the windows were counted
-    assert totals.min() > 0.5 * totals.max()
-    settings = pair.settings.replaced({"sequence_length": 1}, "test")
-    names = ("all-pixels", "active-pixels")
-    systems = [(name, open_baseline(name)) for name in names]
-    rows = frames.compare_systems(replace(pair, settings=settings), systems)
-    assert [row["system"] for row in rows] == list(names)
-
-
 @pytest.mark.parametrize("published", [True, False])
 def test_counts_at_a_few_pixels_are_kept_where_all_others_never_fire(published):
     """Next to pixels without events, every other pixel would look hot."""
@@ -268,17 +230,6 @@ def test_counts_at_a_few_pixels_are_kept_where_all_others_never_fire(published):
     for drive, image in zip((pair.reference, pair.query), images, strict=True):
         np.testing.assert_array_equal(drive.images, np.where(few, image, 0))
     assert pair.laid_out is not published
-
-
-def test_a_system_that_does_not_fit_a_sensor_is_left_out():
-    """The released code draws 100 pixels, each 7 pixels apart."""
-    images = [CountedWindows(drive[:, :32, :32], TAU) for drive in drives()]
-    pair = Pair("drives", *images, SETTINGS, TRUTHS).counted()
-    names = ("seed-code", "all-pixels")
-    systems = [(name, open_baseline(name)) for name in names]
-    (row,) = frames.compare_systems(pair, systems)
-    assert row["system"] == "all-pixels" and row["P@100R"] == 1
-    assert row["bytes per place"] == 32 * 32 and row["operations per query"] == 20 * 32 * 32
 
 
 def test_an_image_is_shifted_and_what_leaves_is_lost():
