@@ -158,23 +158,6 @@ def run_bench(
     return _run([*runtime, str(program.resolve()), *words], case, seconds)
 
 
-class Programs:
-    """Simulations of the designs of some vectors, each of which is compiled once, in `work`."""
-
-    def __init__(self, work: Path, rtl: Path) -> None:
-        self._work, self._rtl = work, rtl
-        self._compiled: dict[tuple[str, bool], Path] = {}
-
-    def of(self, case: Path, *, slow_blocks: bool) -> Path:
-        """Return the program for the design of a case; raises as `compile_bench`."""
-        package = case / f"{PACKAGE}.sv"
-        key = package.read_text(encoding="ascii"), slow_blocks
-        if key not in self._compiled:
-            self._compiled[key] = self._work / f"design_{len(self._compiled)}{INTERPRETED}"
-            compile_bench(package, self._compiled[key], self._rtl, slow_blocks=slow_blocks)
-        return self._compiled[key]
-
-
 def replay_vectors(
     vectors: Path,
     work: Path,
@@ -182,7 +165,8 @@ def replay_vectors(
 ) -> Iterator[tuple[str, Replay]]:
     """Replay all cases of vectors that were made with ``rtl``, with the sources beside them.
 
-    Each case has its own random numbers. Programs and results are written into `work`.
+    Each design is compiled once, and each case has its own random numbers. Programs and results are
+    written into `work`.
 
     Yields
     ------
@@ -199,11 +183,16 @@ def replay_vectors(
     manifest = load_manifest(vectors)
     if not manifest.rtl:
         raise VectorError(f"{vectors} has no hardware sources: make it by edge-vpr golden --rtl")
-    programs = Programs(work, vectors / RTL_FOLDER)
+    rtl, slow_blocks = vectors / RTL_FOLDER, conditions.slow_blocks
+    programs: dict[str, Path] = {}
     for name, case in manifest.cases():
-        program = programs.of(vectors / name, slow_blocks=conditions.slow_blocks)
+        package = vectors / name / f"{PACKAGE}.sv"
+        design = package.read_text(encoding="ascii")
+        if design not in programs:
+            programs[design] = work / f"design_{len(programs)}{INTERPRETED}"
+            compile_bench(package, programs[design], rtl, slow_blocks=slow_blocks)
         its_own = conditions._replace(seed=conditions.seed + case.number)
-        yield name, replay(program, vectors / name, name, work / "results.csv", its_own)
+        yield name, replay(programs[design], vectors / name, name, work / "results.csv", its_own)
 
 
 def _run(command: Sequence[str], folder: Path | None = None, seconds: int | None = None) -> str:
