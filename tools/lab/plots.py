@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -101,10 +100,18 @@ def lines(
     mark : float, optional
         Where a vertical line is drawn, as at the default.
     """
-    shown = [{**row, "": "\n".join(str(row[each]) for each in panel)} for row in rows]
-    names = list(dict.fromkeys(row[line] for row in rows))
-    with _grid(shown, "", y) as (drawing, grid):
-        for axes, of in grid:
+    titled = [{**row, "": "\n".join(_title(row[each]) for each in panel)} for row in rows]
+    shown, names = list(_by(titled, "")), list(dict.fromkeys(row[line] for row in rows))
+    columns = min(len(shown), _COLUMNS)
+    below = -(-len(shown) // columns)
+    size = 3.4 * columns + 0.6, 3.1 * below + 0.8
+    with panels(below, columns, *size, sharey=True) as (drawing, grid):
+        for empty in grid.flat[len(shown) :]:
+            empty.remove()
+        for left in grid[:, 0]:
+            left.set_ylabel(y)
+        for axes, (title, of) in zip(grid.flat, shown, strict=False):
+            axes.set_title(title)
             for name, those in _by(of, line):
                 points = [(at, _values(each, y)) for at, each in _by(those, x)]
                 points = [(at, values) for at, values in points if values]
@@ -115,7 +122,7 @@ def lines(
             if mark is not None:
                 axes.axvline(mark, color=GREY, linewidth=1, zorder=0)
             axes.set_xlabel(x)
-        legend_below(drawing, [axes for axes, _ in grid], 3)
+        legend_below(drawing, grid.flat[: len(shown)], 3)
     return drawing
 
 
@@ -152,27 +159,6 @@ def mean_and_spread(trials: Sequence[float]) -> tuple[float, float]:
     ((2.0, 1.0), (2.0, 0.0))
     """
     return float(np.mean(trials)), float(np.std(trials, ddof=1)) if len(trials) > 1 else 0.0
-
-
-@contextmanager
-def _grid(rows: Rows, column: str, y: str) -> Iterator[tuple[Figure, list[tuple[Axes, Rows]]]]:
-    """Lay out a panel for each value of a column, and yield each with its rows."""
-    groups = list(_by(rows, column))
-    columns = min(len(groups), _COLUMNS)
-    across = -(-len(groups) // columns)
-    with panels(across, columns, 3.4 * columns + 0.6, 3.1 * across + 0.8, sharey=True) as (
-        drawing,
-        grid,
-    ):
-        for empty in grid.flat[len(groups) :]:
-            empty.remove()
-        for left in grid[:, 0]:
-            left.set_ylabel(y)
-        shown = []
-        for axes, (value, of) in zip(grid.flat, groups, strict=False):
-            axes.set_title("\n".join(map(_title, str(value).split("\n"))))
-            shown.append((axes, of))
-        yield drawing, shown
 
 
 def _by(rows: Rows, column: str) -> Iterable[tuple[Any, Rows]]:
