@@ -219,4 +219,4 @@ def test_a_case_too_large_for_the_board_is_left_out_and_said(vectors):
 def test_a_port_that_is_none_is_said(vectors, tmp_path, refused):
     words = ["golden", "verify", vectors, "--port", tmp_path / "none"]
     assert "cannot talk to a board at" in refused(*words, code=1)
-    assert "give one of them" in refused(*words, "--results", "a.csv")
+    assert "not allowed with argument --port" in refused(*words, "--results", "a.csv")

@@ -27,8 +27,9 @@ EXAMPLES = """\
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add this command's arguments."""
     design = parser.add_argument_group("design", "given by a map, by a file, or by the other flags")
-    design.add_argument("--map", metavar="MAP.npz", help="take design and event rates from a map")
-    design.add_argument("--design", metavar="FILE.toml", help="read the design from a file")
+    one = design.add_mutually_exclusive_group()
+    one.add_argument("--map", metavar="MAP.npz", help="take design and event rates from a map")
+    one.add_argument("--design", metavar="FILE.toml", help="read the design from a file")
     design.add_argument(
         "--pixels", type=int, metavar="J", help="number of selected pixels (default: 150)"
     )
@@ -86,8 +87,6 @@ def workload_of(args: argparse.Namespace) -> Workload:
     from edge_vpr_tools.estimate.of_map import design_of, event_rates
     from firmware_model.design import Design
 
-    if args.map is not None and args.design is not None:
-        raise UsageError("--map and --design both give a design: give only one")
     rate, share = EVENT_RATES[1], None
     rate_is = "an assumption"
     if args.map is None and args.design is None:

@@ -25,8 +25,9 @@ EXAMPLES = """\
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add this command's arguments."""
     design = parser.add_argument_group("design", "--design or --map is needed")
-    design.add_argument("--design", metavar="FILE.toml", help="read the design from a file")
-    design.add_argument("--map", metavar="MAP.npz", help="take the design and the places of a map")
+    one = design.add_mutually_exclusive_group(required=True)
+    one.add_argument("--design", metavar="FILE.toml", help="read the design from a file")
+    one.add_argument("--map", metavar="MAP.npz", help="take the design and the places of a map")
     design.add_argument(
         "--lanes", type=int, default=8, metavar="P", help="with --map, number of parallel lanes"
     )
@@ -74,8 +75,6 @@ def run(args: argparse.Namespace) -> None:
     from firmware_model import Design
     from firmware_model.vectors import cases_within, estimated_bytes, write_suites
 
-    if (args.design is None) == (args.map is None):
-        raise UsageError("golden needs either --design or --map: give one of them")
     if args.recording is not None and args.map is None:
         raise UsageError("--recording needs a map: name it with --map")
     if "recording" in args.suite and args.recording is None:

@@ -27,12 +27,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add this command's arguments."""
     parser.add_argument("vectors", metavar="VECTORS", help="folder that edge-vpr golden wrote")
     group = parser.add_argument_group("results of a device")
-    group.add_argument(
+    one = group.add_mutually_exclusive_group()
+    one.add_argument(
         "--results", metavar="FILE",
         help="results of the device: .csv with a record per line, or .bin with records of 32-bit "
         "words (default: check the vectors only)",
     )  # fmt: skip
-    group.add_argument(
+    one.add_argument(
         "--port", metavar="PORT",
         help="serial port of a board that runs the reference firmware's vpr_replay_line: send it "
         "the cases that fit its memory, and compare its results; the others are counted",
@@ -62,8 +63,6 @@ def run(args: argparse.Namespace) -> None:
 
     folder = Path(args.vectors)
     files = check_files(folder)
-    if args.results is not None and args.port is not None:
-        raise UsageError("--results are from a file, and --port from a board: give one of them")
     source = args.results or args.port
     if source is None:
         summary(f"{folder}: {files} files are as they were made")

@@ -21,11 +21,12 @@ EXAMPLES = """\
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add this command's arguments."""
     design = parser.add_argument_group("design", "--design or --map is needed")
-    design.add_argument(
+    one = design.add_mutually_exclusive_group(required=True)
+    one.add_argument(
         "--design", metavar="FILE.toml",
         help="read the design from a file; the core then has random pixels, for tests only",
     )  # fmt: skip
-    design.add_argument(
+    one.add_argument(
         "--map", metavar="MAP.npz", help="take the design, the pixels and the places of a map"
     )
     design.add_argument(
@@ -50,8 +51,6 @@ def run(args: argparse.Namespace) -> None:
     from firmware_model import Design
     from firmware_model.hardware.project import write_project
 
-    if (args.design is None) == (args.map is None):
-        raise UsageError("hardware needs either --design or --map: give one of them")
     output = Path(args.output)
     check_output(output, (args.design, args.map))
     check_parent(output)

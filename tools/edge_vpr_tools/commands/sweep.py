@@ -27,7 +27,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--resume", action="store_true",
         help="go on with the file: leave out trials that it has, by variant, drives and seed",
     )  # fmt: skip
-    group = parser.add_argument_group("workers")
+    group = parser.add_argument_group("workers").add_mutually_exclusive_group()
     group.add_argument(
         "--workers", type=int, metavar="N",
         help="number of processes on this machine (default: its number of cores)",
@@ -50,8 +50,6 @@ def run(args: argparse.Namespace) -> None:
     from edge_vpr_tools.sweep.table import appending, put_in_order, remaining
     from edge_vpr_tools.workers import cluster, error_text, mapped, processes, trial_line
 
-    if args.workers is not None and args.scheduler is not None:
-        raise UsageError("--workers are of this machine, --scheduler of a cluster: leave one out")
     if args.resume and args.overwrite:
         raise UsageError("--resume goes on with the file, --overwrite replaces it: leave one out")
     plan, output = Path(args.plan), Path(args.output)
