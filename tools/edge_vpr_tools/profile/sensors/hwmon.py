@@ -14,7 +14,6 @@ from edge_vpr_tools.profile.sensors.sensor import (
     NumberFile,
     Sensor,
     SensorError,
-    plausible,
     read_text,
 )
 
@@ -78,7 +77,7 @@ class PowerFiles(Sensor):
         watts = self.unit
         for file in self._files:
             watts *= file.read()
-        return plausible(watts, self.about.name)
+        return watts
 
     def close(self) -> None:
         """See `Sensor.close`."""

@@ -16,12 +16,10 @@ from edge_vpr.errors import EdgeVprError
 Kind = Literal["energy", "power"]
 #: of the file system; tests replace it
 ROOT = Path("/")
-#: no board of this kind uses more; a higher reading is a fault of the sensor
-MAX_WATTS = 10_000.0
 
 
 class SensorError(EdgeVprError):
-    """A sensor cannot be read, or returns an impossible reading."""
+    """A sensor cannot be read, or what it returns is no number."""
 
 
 @dataclass(frozen=True)
@@ -54,7 +52,7 @@ class Sensor(ABC):
         Raises
         ------
         SensorError
-            If it has disappeared, refuses, or returns an impossible reading.
+            If it has disappeared, refuses, or returns no number.
         """
 
     def sample(self) -> tuple[float, float]:
@@ -130,18 +128,3 @@ def read_text(path: Path) -> str:
         return path.read_text(encoding="utf-8", errors="replace").strip()
     except OSError:
         return ""
-
-
-def plausible(watts: float, name: str) -> float:
-    """Return the power if it is plausible.
-
-    Raises
-    ------
-    SensorError
-        If it is negative by more than noise, or higher than any board uses.
-    """
-    if not -1.0 <= watts <= MAX_WATTS:
-        raise SensorError(
-            f"{name} reads {watts:g} W, which is impossible: check its wiring and driver"
-        )
-    return watts
