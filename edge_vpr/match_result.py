@@ -50,7 +50,7 @@ from edge_vpr.online.schedule import MatchSchedule
 from edge_vpr.recordings import Faults, Recording
 from edge_vpr.recordings.memory import FORMAT as MEMORY
 from edge_vpr.recordings.reading import EventSource
-from edge_vpr.reference_map import ReferenceMap, check_causal
+from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.results import (
     MAP,
     MATCHES,
@@ -84,9 +84,10 @@ def match(
 ) -> MatchResult:
     """Match a drive with a map, see `ReferenceMap.match`."""
     check_reading(changes, "match")
-    if every is not None:
-        check_causal(changes, "match, of every=")
-    matched = reference.with_settings(settings, changes, "match")
+    if every is None:
+        matched = reference.with_settings(settings, changes, "match")
+    else:
+        matched = reference.causal_with(settings, changes, "match, of every=")
     inputs = tuple(str(each) for each in (recording, odometry) if isinstance(each, str | Path))
     drive = opened(recording, default=reference.camera)
     if isinstance(drive, Recording) and drive is recording and drive.format != MEMORY:
@@ -100,7 +101,7 @@ def match(
             "counts of windows: leave it out"
         )
     else:
-        result = _match_events(matched.causal(), drive, every, odometry)
+        result = _match_events(matched, drive, every, odometry)
     # the map as it was passed: settings of one run are no part of it
     windows = None if result.windows is None else reference.coded(result.windows)
     return replace(

@@ -371,8 +371,7 @@ class ReferenceMap(EqualByValue):
         """
         from edge_vpr.online.localiser import Localiser
 
-        check_causal(changes, "localiser")
-        return Localiser(self.with_settings(settings, changes, "localiser"), every=every)
+        return Localiser(self.causal_with(settings, changes, "localiser"), every=every)
 
     def with_settings(
         self, settings: Settings | None, changes: Mapping[str, Any], by: str
@@ -401,6 +400,16 @@ class ReferenceMap(EqualByValue):
         # a precision that the table cannot reach is an error before any work
         Acceptance.of(chosen, matched.confidence)
         return matched
+
+    def causal_with(
+        self, settings: Settings | None, changes: Mapping[str, Any], by: str
+    ) -> ReferenceMap:
+        """Return the map with settings for matching while events come, see `with_settings`."""
+        if changes.get("smooth"):
+            raise UsageError(
+                f"{by}: smooth=True needs all later windows: leave it out, or match the recording"
+            )
+        return self.with_settings(settings, changes, by).causal()
 
     def causal(self) -> ReferenceMap:
         """Return the map with settings that need no windows after the one to match."""
@@ -635,11 +644,3 @@ class MapInfo:
 
 def _size_text(bytes_per_window: int, window_us: int) -> str:
     return f"{bytes_per_window * 1e6 / window_us:,.0f} bytes per second of the route, packed"
-
-
-def check_causal(changes: Mapping[str, Any], by: str) -> None:
-    """Refuse to smooth what is matched while events come."""
-    if changes.get("smooth"):
-        raise UsageError(
-            f"{by}: smooth=True needs all later windows: leave it out, or match the recording"
-        )

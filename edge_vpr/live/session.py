@@ -27,7 +27,7 @@ from edge_vpr.live.stream_matcher import LiveResult, StreamMatcher
 from edge_vpr.live.watches import SILENT_S, LagWatch, LineWatch, MisfitWatch
 from edge_vpr.matching.match import Match, heartbeat
 from edge_vpr.online.schedule import MatchSchedule
-from edge_vpr.reference_map import ReferenceMap, check_causal
+from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.run_log import compiling_reported
 from edge_vpr.settings import (
     MatchingChanges,
@@ -181,14 +181,13 @@ class LiveSession:
         self._heartbeat_s = _seconds(heartbeat, "heartbeat") or math.inf
         self._max_age_s = _seconds(max_age, "max_age")
         map_file = Path(reference) if isinstance(reference, str | Path) else None
-        route_map = loaded = _loaded(reference)
-        if route_map is None and changes:
+        loaded = _loaded(reference)
+        if loaded is None and changes:
             raise UsageError(f"{', '.join(changes)}: nothing is matched without reference=")
         self.sensor = _sensor_of(sensor, loaded)
-        if route_map is not None and changes:
-            check_causal(changes, "LiveSession")
-            route_map = route_map.with_settings(None, changes, "LiveSession")
-        self.reference = None if route_map is None else route_map.causal()
+        self.reference = None
+        if loaded is not None:
+            self.reference = loaded.causal_with(None, changes, "LiveSession")
         self._protocol = protocol
         self.decoder = open_decoder(protocol, self.sensor)
         if not isinstance(every, MatchSchedule | None):
