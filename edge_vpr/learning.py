@@ -190,7 +190,7 @@ def learn_drive(
     )
 
 
-class Alignment(NamedTuple):
+class Aligned(NamedTuple):
     """Place of each window, -1 where it was not aligned, and whether it is certain by itself."""
 
     place: npt.NDArray[np.int64]
@@ -202,17 +202,17 @@ def align(
     counted: Descriptors,
     track: Track | None = None,
     odometry: Odometry | None = None,
-) -> Alignment:
+) -> Aligned:
     """Align the windows of a drive with the places that they show; see `learn_drive`."""
     place = _aligned_by_track(reference, counted, track) if track is not None else None
     if place is None:
         return _aligned_by_matching(reference, counted, odometry)
-    return Alignment(place, np.ones(place.size, dtype=np.bool_))
+    return Aligned(place, np.ones(place.size, dtype=np.bool_))
 
 
 def _aligned_by_matching(
     reference: ReferenceMap, counted: Descriptors, odometry: Odometry | None
-) -> Alignment:
+) -> Aligned:
     """Align the windows of a drive with the places that they show, in any light.
 
     Windows that overlap are aligned as several drives, each of windows that do not.
@@ -224,19 +224,19 @@ def _aligned_by_matching(
     matching = reference.matched_with(reference.settings.replaced(changes, "alignment"))
     number = reference.settings.window_parts
     n = len(counted)
-    alignment = Alignment(np.full(n, -1, dtype=np.int64), np.zeros(n, dtype=np.bool_))
+    aligned = Aligned(np.full(n, -1, dtype=np.int64), np.zeros(n, dtype=np.bool_))
     for first in range(min(number, n)):
         windows = matching.coded(counted.take(slice(first, None, number)))
         for whole, part in zip(
-            alignment, _aligned_both_ways(matching, windows, odometry), strict=True
+            aligned, _aligned_both_ways(matching, windows, odometry), strict=True
         ):
             whole[first::number] = part
-    return alignment
+    return aligned
 
 
 def _aligned_both_ways(
     matching: ReferenceMap, windows: Descriptors, odometry: Odometry | None
-) -> Alignment:
+) -> Aligned:
     """Align windows where the best path over the places and that over the windows agree.
 
     A probability says little in light that the map does not know. But a window whose smoothed match
@@ -278,7 +278,7 @@ def _aligned_both_ways(
         ]
         if max(ranks) <= GAP_RANK:
             aligned[first : last + 1] = bound
-    return Alignment(aligned, matches.probability >= CERTAIN)
+    return Aligned(aligned, matches.probability >= CERTAIN)
 
 
 def _better_places(
