@@ -16,7 +16,7 @@ from typing import Any, NamedTuple, Self, Unpack
 
 from edge_vpr.compiling import have_kernels
 from edge_vpr.errors import RecordingError, UsageError, expect, printable
-from edge_vpr.events import Sensor
+from edge_vpr.events import Events, Sensor
 from edge_vpr.live.links import Line, link_opener
 from edge_vpr.live.odometer import OdometerReader
 from edge_vpr.live.protocols import Health, ProtocolName, open_decoder
@@ -73,7 +73,7 @@ class Message(NamedTuple):
 class LiveStep(NamedTuple):
     """Results of one piece of bytes, for views that show more than matches."""
 
-    result: LiveResult | None  #: Events and matches; None if nothing came.
+    events: Events | None  #: None if nothing came.
     at_s: float  #: When the bytes came, on the clock of `time.monotonic`.
     #: Readings of the odometer since the step before: time in microseconds of the camera's clock,
     #: and metres.
@@ -359,7 +359,7 @@ class LiveSession:
             step = self._take(0.0)
             self._look(step)
             matches += step.matches
-            if step.result is None:
+            if step.events is None:
                 break
         now = time.monotonic()
         if not matches and now - self._beat_s >= self._heartbeat_s:
@@ -445,7 +445,7 @@ class LiveSession:
         self._lag.look(result.events, self.decoder.reached_us, time.monotonic())
         self._misfits.look([match.misfit for match in result.matches])
         matches = self._matches(result, self._heard_us) or self._outdated(time.monotonic())
-        return LiveStep(result, chunk.at_s, self._new_readings(), matches)
+        return LiveStep(result.events, chunk.at_s, self._new_readings(), matches)
 
     def _oldest_s(self, match: Match) -> float:
         """Return the age beyond which a match is rejected: by default two windows."""
@@ -486,10 +486,10 @@ class LiveSession:
 
     def _look(self, step: LiveStep) -> None:
         """Do what remains after a step: odometer and messages."""
-        if step.result is not None:
+        if step.events is not None:
             self.files.keep(self._matcher)
         self._look_at_odometer(time.monotonic())
-        self._line.look(nothing_came=step.result is None)
+        self._line.look(nothing_came=step.events is None)
 
     def _look_at_odometer(self, now_s: float) -> None:
         """Give each reading to the filter as soon as the camera's events are of its time.
@@ -539,7 +539,7 @@ class LiveSession:
         self._stack.close()
         self.decoder.health.line_errors = self._reader.line_errors
         matches = self._matches(result, int(1e6 * time.time()))
-        return LiveStep(result, now, self._new_readings(), matches)
+        return LiveStep(result.events, now, self._new_readings(), matches)
 
     def _raise_once(self) -> None:
         """Raise what ended the session."""

@@ -653,7 +653,7 @@ def test_a_device_over_udp_needs_no_greeting_and_loses_nothing_unsaid(drive, tmp
 def step_of(result, late_s=0.0):
     """The step of a session that gave this result."""
     matches = tuple(match._replace(age_s=0.0) for match in result.matches)
-    return LiveStep(result, time.monotonic() - late_s, matches=matches)
+    return LiveStep(result.events, time.monotonic() - late_s, matches=matches)
 
 
 def test_the_terminal_shows_where_we_are_and_what_is_wrong(sent, monkeypatch, reference):

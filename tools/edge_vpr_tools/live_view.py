@@ -212,7 +212,7 @@ class View:
 
     def matches(self, step: LiveStep) -> None:
         """Count and write the matches of a step."""
-        if step.result is not None and step.result.events.size:
+        if step.events is not None and step.events.size:
             self._lag_s = time.monotonic() - step.at_s
             self._lags.add(self._lag_s)
         if step.matches:
