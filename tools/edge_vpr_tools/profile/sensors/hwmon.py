@@ -59,13 +59,13 @@ WHOLE_BOARD = ("VDD_IN", "POM_5V_IN", "VIN_SYS_5V0", "VIN")
 _PERIOD_MS = 10.0
 
 
-class PowerFiles(Sensor):
-    """File with the power, or files with volts and amperes, whose readings are multiplied.
+class Files(Sensor):
+    """File with the power or the energy, or files with volts and amperes, which are multiplied.
 
     Parameters
     ----------
     unit : float
-        Unit of the product in watts.
+        Unit of the product in watts or joules.
     """
 
     def __init__(self, about: About, *paths: Path, unit: float = 1.0) -> None:
@@ -73,24 +73,16 @@ class PowerFiles(Sensor):
         self._files = [NumberFile(path) for path in paths]
 
     def read(self) -> float:
-        """Return the present watts; two files are read one after the other."""
-        watts = self.unit
+        """See `Sensor.read`; two files are read one after the other."""
+        value = self.unit
         for file in self._files:
-            watts *= file.read()
-        return watts
+            value *= file.read()
+        return value
 
     def close(self) -> None:
         """See `Sensor.close`."""
         for file in self._files:
             file.close()
-
-
-class EnergyFile(PowerFiles):
-    """File that counts microjoules; `unit` is in joules."""
-
-    def read(self) -> float:
-        """Return the joules since the driver was loaded."""
-        return self._files[0].read() * self.unit
 
 
 @dataclass(frozen=True)
@@ -156,7 +148,7 @@ def _channels(folder: Path, chip: str) -> list[_Channel]:
 def with_shunt(sensor: Sensor, mohm: float) -> Sensor:
     """Correct a power monitor for its real shunt, if its driver assumes another one."""
     about = sensor.about
-    if not isinstance(sensor, PowerFiles) or about.shunt_mohm is None or not mohm > 0:
+    if not isinstance(sensor, Files) or about.shunt_mohm is None or not mohm > 0:
         raise UsageError(
             f"--shunt-mohm {mohm:g}: {about.name} does not report the shunt that it assumes: "
             "give its driver the right one (shunt-resistor in the device tree)"
@@ -169,7 +161,7 @@ def with_shunt(sensor: Sensor, mohm: float) -> Sensor:
         detail=f"{about.detail.partition('; shunt')[0]}; shunt of {mohm:g} mOhm as confirmed, the "
         f"driver's is {about.shunt_mohm:g}: its readings are multiplied by {factor:g}",
     )
-    return type(sensor)(about, *sensor.paths, unit=sensor.unit * factor)
+    return Files(about, *sensor.paths, unit=sensor.unit * factor)
 
 
 def _sensor(channel: _Channel) -> Sensor | None:
@@ -209,13 +201,13 @@ def _sensor(channel: _Channel) -> Sensor | None:
         )
 
     if energy.exists():
-        return EnergyFile(about("energy", 1e-6), energy, unit=1e-6)
+        return Files(about("energy", 1e-6), energy, unit=1e-6)
     if power.exists():
         step = _INA260_STEP_W if inside else chip.power_step / (micro_ohms or math.inf)
-        return PowerFiles(about("power", step), power, unit=1e-6)
+        return Files(about("power", step), power, unit=1e-6)
     if volts.exists() and amperes.exists():
         step = 0.0
         if channel.chip == "ina3221" and micro_ohms is not None:
             step = 5.0 * _INA3221_STEP_V / (micro_ohms * 1e-6)  # at 5 V
-        return PowerFiles(about("power", step), volts, amperes, unit=1e-6)
+        return Files(about("power", step), volts, amperes, unit=1e-6)
     return None
