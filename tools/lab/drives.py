@@ -25,6 +25,7 @@ from edge_vpr.events import Sensor
 from edge_vpr.recordings import open_recording
 from edge_vpr.settings import PRESETS
 from edge_vpr.simulation import QUERY, Drive, Light, SimulatedRecording, simulate_pair
+from edge_vpr.simulation.drive import wheel_odometry
 from lab.datasets import (
     DATA_SETS,
     STAND_INS,
@@ -324,6 +325,29 @@ def second_drive(query: SimulatedRecording, second: Second, offset: int = 0) -> 
     )
     seed = query.seed + offset
     return SimulatedRecording(query.world, camera, drive, seed=seed, device=query.device).keep()
+
+
+_WHEELS = 9  # random stream of the odometers
+
+
+def street_pairs(seed: int, kinds: Mapping[str, str], **street: Any) -> Iterator[Pair]:
+    """Simulate one street, and pairs of it with the same reference, all with odometers.
+
+    Parameters
+    ----------
+    kinds : mapping of str to str
+        Second drives, of `STREETS`, by the name of their pair.
+    **street
+        Of `simulate_pair`.
+    """
+    reference, query = simulate_pair(seed, **street)
+    rng = np.random.default_rng((seed, _WHEELS))
+    meter = wheel_odometry(reference.track, rng)
+    for name, kind in kinds.items():
+        pair = Pair.simulated(reference.keep(), second_drive(query, STREETS[kind]))
+        assert pair.tracks is not None
+        odometry = meter, wheel_odometry(pair.tracks.query, rng)
+        yield replace(pair, drives=name, odometry=odometry)
 
 
 # Drives as experiments declare them.

@@ -173,7 +173,8 @@ class Pair:
 
     def mapped(self, settings: Settings) -> MappedPair:
         """Map the reference with some settings, and count the query at the map's pixels."""
-        reference = ReferenceMap.build(self.reference, settings)
+        odometry = None if self.odometry is None else self.odometry[0]
+        reference = ReferenceMap.build(self.reference, settings, odometry=odometry)
         return MappedPair.of(reference, self.query, self.truth_of)
 
     def counted(self, **changes: Any) -> CountedPair:

@@ -10,18 +10,15 @@ places at whole windows.
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
 from edge_vpr.odometry import Odometry
-from edge_vpr.reference_map import ReferenceMap
-from edge_vpr.settings import PRESETS
-from edge_vpr.simulation import simulate_pair
-from edge_vpr.simulation.drive import wheel_odometry
 from lab.codes import Code, OwnMean, TableCode
-from lab.drives import STREETS, recorded_drives, second_drive
+from lab.drives import STREETS, recorded_drives, street_pairs
 from lab.loop import (
     CHOSEN_ON,
     DRIVES,
@@ -37,7 +34,6 @@ from lab.pairs import (
     Pair,
     inner_share,
     rates,
-    truth_of_pair,
 )
 from lab.tables import TableView
 
@@ -70,56 +66,31 @@ FIRST_SEED = 10
 PIXELS = (25, 150)
 PRECISION = 0.99
 _HALF = {"matching": "filter", "places_per_window": 2}
-_WHEELS = 9  # random stream of the odometers
 
 
-class Driven(NamedTuple):
-    """A pair of drives with its name in the table.
-
-    `whole` has places at whole windows, and `half` at half windows, if events were recorded.
-    """
-
-    name: str
-    whole: MappedPair
-    half: MappedPair | None = None
-    odometry: Odometry | None = None
-
-
-def driven(draw: Draw) -> Iterable[Driven]:
-    """Map a recorded pair with this draw of pixels; streets are mapped where they are opened."""
+def driven(draw: Draw) -> Iterable[Pair]:
+    """Return a recorded pair with this draw of pixels, or the pairs of a street as they are."""
     if isinstance(draw.pair, Pair):
-        pair, settings = draw.pair, draw.pair.drawn_with(draw.seed)
-        half = pair.mapped(settings.replaced(_HALF, "half")) if pair.has_events else None
-        return [Driven(pair.name, pair.mapped(settings), half)]
-    streets: Iterable[Driven] = draw.pair
+        return [replace(draw.pair, settings=draw.pair.drawn_with(draw.seed))]
+    streets: Iterable[Pair] = draw.pair
     return streets
 
 
-def driven_street(seed: int, kinds: Sequence[str] = tuple(STREETS)) -> Iterator[Driven]:
-    """Simulate one street with some of its drives, and map each at some numbers of pixels."""
-    reference, query = simulate_pair(seed)
-    reference.keep()
-    rng = np.random.default_rng((seed, _WHEELS))
-    meter = wheel_odometry(reference.track, rng)
-    for name in kinds:
-        other = second_drive(query, STREETS[name])
-        wheel = wheel_odometry(other.track, rng)
+def driven_street(seed: int, kinds: Sequence[str] = tuple(STREETS)) -> Iterator[Pair]:
+    """Simulate one street with some of its drives, each with some numbers of pixels."""
+    for pair in street_pairs(seed, {kind: kind for kind in kinds}):
         for pixels in PIXELS:
-            settings = PRESETS["paper"].replaced({"pixels": pixels, "seed": seed}, "street")
-            whole, half = (
-                MappedPair.of(
-                    ReferenceMap.build(reference, each, odometry=meter),
-                    other,
-                    truth_of_pair(reference, other),
-                )
-                for each in (settings, settings.replaced(_HALF, "half"))
-            )
-            yield Driven(f"{name}, {pixels} px", whole, half, wheel)
+            settings = pair.settings.replaced({"pixels": pixels, "seed": seed}, "street")
+            yield replace(pair, settings=settings)
 
 
 def measure(draw: Draw) -> Iterator[Row]:
     """Match with every variant, and with the filter on what shows nothing of the route."""
-    for name, at_whole, at_half, odometry in driven(draw):
+    for drive in driven(draw):
+        name, settings, odometry = drive.name, drive.settings, drive.odometry
+        at_whole, at_half = drive.mapped(settings), None
+        if drive.has_events:
+            at_half = drive.mapped(settings.replaced(_HALF, "half"))
         default = at_half or at_whole
         tried: list[tuple[str, MappedPair, Mapping[str, Any], Code | None, Odometry | None]] = [
             *((method, at_whole, *variant, None) for method, variant in VARIANTS.items()),
@@ -129,7 +100,7 @@ def measure(draw: Draw) -> Iterator[Row]:
             tried += [(each + AT_WHOLE, at_whole, DEFAULTS[each], None, None) for each in DEFAULTS]
         if odometry is not None:
             tried += [
-                (f"{each}, odometry", default, DEFAULTS[each], None, odometry)
+                (f"{each}, odometry", default, DEFAULTS[each], None, odometry[1])
                 for each in (ROBOT, BEST)
             ]
         for method, pair, changes, code, along in tried:

@@ -22,9 +22,7 @@ from edge_vpr.evaluation.metrics import evaluate
 from edge_vpr.matching.matches import Matches
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.settings import PRESETS
-from edge_vpr.simulation import simulate_pair
-from edge_vpr.simulation.drive import wheel_odometry
-from lab.drives import STREETS, WALKS, second_drive, walks
+from lab.drives import WALKS, street_pairs, walks
 from lab.loop import Draw, Drives, Experiment, Row
 from lab.nulls import null_queries
 from lab.pairs import MappedPair, Pair, truths_of_tracks
@@ -38,7 +36,6 @@ PIXELS = (12, 25, 75, 150)
 PRECISION = 0.99
 WHOLE, CUT, CARRIED = "whole", "a quarter cut out", "carried off"
 _NUMBER = "places per window"
-_WHEELS = 9  # random stream of the odometers
 LIGHTS: Mapping[str, str] = {
     "in other light": "street",
     "with 3 stops": "street, 3 stops",
@@ -53,16 +50,10 @@ MATCHED: Mapping[str, Mapping[str, Any]] = {
 
 def open_street(seed: int) -> list[Pair]:
     """Simulate the drives of one street, with odometers on their wheels."""
-    reference, query = simulate_pair(FIRST_SEED + seed, length_m=LENGTH_M)
-    rng = np.random.default_rng((FIRST_SEED + seed, _WHEELS))
-    meter = wheel_odometry(reference.track, rng)
     pairs = []
-    for light, name in LIGHTS.items():
-        pair = Pair.simulated(reference.keep(), second_drive(query, STREETS[name]))
+    for pair in street_pairs(FIRST_SEED + seed, LIGHTS, length_m=LENGTH_M):
         assert pair.tracks is not None
-        truths = truths_of_tracks(*pair.tracks, *TOLERANCES_M)
-        odometry = meter, wheel_odometry(pair.tracks.query, rng)
-        pairs.append(replace(pair, drives=light, truths=truths, odometry=odometry))
+        pairs.append(replace(pair, truths=truths_of_tracks(*pair.tracks, *TOLERANCES_M)))
     return pairs
 
 

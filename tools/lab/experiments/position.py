@@ -23,8 +23,7 @@ from edge_vpr.evaluation.tracks import Track, distances, with_positions
 from edge_vpr.live.position import Locator, PathPosition
 from edge_vpr.recordings.reading import EventSource
 from edge_vpr.reference_map import ReferenceMap
-from edge_vpr.simulation import simulate_pair
-from lab.drives import STREETS, fullest_drives, second_drive
+from lab.drives import fullest_drives, street_pairs
 from lab.loop import Draw, Drives, Experiment, Row
 from lab.pairs import Pair
 from lab.tables import TableView
@@ -49,14 +48,11 @@ class Live(NamedTuple):
 
 def open_street(seed: int) -> list[Pair]:
     """Simulate the drives of one street, each matched at some numbers of pixels."""
-    reference, query = simulate_pair(FIRST_SEED + seed, length_m=LENGTH_M)
-    pairs = []
-    for light, name in LIGHTS.items():
-        pair = Pair.simulated(reference.keep(), second_drive(query, STREETS[name]))
-        for pixels in PIXELS:
-            settings = pair.settings.replaced({"pixels": pixels}, light)
-            pairs.append(replace(pair, drives=light, settings=settings))
-    return pairs
+    return [
+        replace(pair, settings=pair.settings.replaced({"pixels": pixels}, "street"))
+        for pair in street_pairs(FIRST_SEED + seed, LIGHTS, length_m=LENGTH_M)
+        for pixels in PIXELS
+    ]
 
 
 def measure(draw: Draw) -> Iterator[Row]:

@@ -94,7 +94,8 @@ Setting = tuple[str, float]
 
 def measure(draw: Draw) -> Iterator[Row]:
     """Vary each constant alone, on a recorded pair or on each drive of a street."""
-    for drives_name, pair, *_ in driven(draw):
+    for drive in driven(draw):
+        pair = drive.mapped(drive.settings)
         shown = dict(null_queries(pair.counted, np.random.default_rng(draw.seed)))
         null = replace(pair, counted=shown[NULL])
         default = _correct(pair, Constants()), _correct(null, Constants())
@@ -105,7 +106,7 @@ def measure(draw: Draw) -> Iterator[Row]:
                     default if times == 1 else (_correct(pair, varied), _correct(null, varied))
                 )
                 yield {
-                    DRIVES: drives_name,
+                    DRIVES: drive.name,
                     CONSTANT: SHOWN[constant],
                     TIMES: times,
                     "matching": "live",
