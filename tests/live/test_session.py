@@ -700,6 +700,16 @@ def test_files_are_looked_at_before_the_link_is_opened(files, says, tmp_path, mo
         LiveSession("/dev/null0", protocol="evpr", sensor=SENSOR, files=SessionFiles(**files))
 
 
+def test_a_remark_on_the_camera_is_a_message(route, tmp_path):
+    """Frames of a smaller sensor than the map's, which is that of a stream without `sensor=`."""
+    sensor, said = Sensor(32, 24), []
+    events = random_events(np.random.default_rng(0), 9_000, sensor, 1_000_000)
+    link = write_sent(tmp_path / "sent.bin", events, sensor)
+    with LiveSession(link, protocol="evpr", reference=route, on_message=said.append) as session:
+        assert list(session)
+    assert any("sensor is smaller than 64x48" in each.text for each in said)
+
+
 @pytest.mark.parametrize(
     ("files", "says"),
     [

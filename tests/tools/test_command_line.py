@@ -509,39 +509,20 @@ def test_results_are_shown_in_one_short_line(drive):
 
 
 @pytest.mark.parametrize(
-    ("how", "flags", "in_python", "on_the_line"),
-    [
-        ({}, [], "pass sensor=, for example sensor='346x260'", "--sensor 346x260"),
-        (
-            {"sensor": "4x4"}, ["--sensor", "4x4"],
-            "read with on_fault='drop'", "read with --on-fault drop",
-        ),
-    ],
-)  # fmt: skip
-def test_a_message_names_arguments_in_python_and_flags_on_the_command_line(
-    how, flags, in_python, on_the_line, tmp_path, run
-):
-    drive = tmp_path / "start=3 drive.csv"
-    drive.write_text("t,x,y,p\n5,0,0,1\n1,0,0,1\n9,0,0,1\n")
-    shown = run("convert", drive, tmp_path / "a.npz", *flags, code=1 if flags else 2).err
-    assert on_the_line in shown and "/start=3 drive.csv" in shown
-    with pytest.raises(EdgeVprError, match=re.escape(in_python)):
-        list(open_recording(drive, **how))
-
-
-@pytest.mark.parametrize(
     ("text", "shown"),
     [
         ("leave every= out, or set exclusion=0", "leave --every out, or set --exclusion 0"),
         ("pass columns='-txyp'", "pass --columns=-txyp"),
         ("add smooth=False; overwrite=True", "add --no-smooth; --overwrite"),
-        ("give max_gap_s= or start=", "give --longest-gap or start="),
+        ("give max_gap_s= or seed=", "give --longest-gap or seed="),
         ("(Track.shifted)", "(--track-offset)"),
+        ("pass sensor=, for example sensor='9x7'", "pass --sensor, for example --sensor 9x7"),
+        ("/start=3 drive.csv: read with start=3", "/start=3 drive.csv: read with --start 3"),
     ],
 )
 def test_arguments_become_the_flags_that_the_verb_has(text, shown):
-    flags = "--every --exclusion --columns --smooth --no-smooth --overwrite --longest-gap"
-    with verbosity(Verbosity.NORMAL, [], [*flags.split(), "--track-offset"]):
+    flags = "--every --exclusion --columns --smooth --no-smooth --overwrite --longest-gap --sensor"
+    with verbosity(Verbosity.NORMAL, [], [*flags.split(), "--start", "--track-offset"]):
         assert in_flags(text) == shown
     assert in_flags(text) == text
 

@@ -211,9 +211,6 @@ def test_a_position_that_froze_for_a_while_shows_in_the_largest_speed(drives, ju
     assert largest[0] < 15 and 40 < largest[1] < 100
 
 
-# A truth that every match passes, or no match can.
-
-
 # Clocks.
 
 
@@ -295,70 +292,52 @@ def test_dates_of_a_log_and_of_its_recording_are_shown(drives, tmp_path):
 # Forms of files.
 
 
-def test_sentences_without_a_checksum_are_read_where_none_has_one(drives, judge):
-    texts = [nmea(rows, checked=False) for rows in drives[1]]
-    correct, queries, facts = judge(texts, "nmea")
-    assert correct == queries >= 55
-    assert "left out" not in facts
-
-
-@pytest.mark.parametrize("suffix", ["txt", "log"])
-@pytest.mark.parametrize("form", [nmea, gpx, geographic, tum])
-def test_the_content_says_what_a_log_is(drives, judge, form, suffix):
-    correct, queries, _ = judge([form(rows) for rows in drives[1]], suffix)
-    assert correct == queries >= 55
-
-
-@pytest.mark.parametrize(
-    "time",
-    ["{:%Y-%m-%d %H:%M:%S}", "{:%Y-%m-%dT%H:%M:%S,5}+02", "{:%Y-%m-%dT%H:%M:%S}-0700"],
-)  # fmt: skip
-def test_times_of_gpx_are_read_with_their_zones(drives, judge, time):
-    correct, queries, _ = judge([gpx(rows, time) for rows in drives[1]], "gpx")
-    assert correct == queries >= 54
-
-
-@pytest.mark.parametrize("time", ["{:%d. %b %Y %H:%M}", "{:%Y-%m-%d %H:%M:%S} UTC"])
-def test_times_that_cannot_be_read_are_named(drives, judge, time):
-    texts = [gpx(rows, time) for rows in drives[1]]
-    with pytest.raises(EdgeVprError, match=r"with unreadable time.*write times such as"):
-        judge(texts, "gpx")
-
-
 def comma(text):
     return text.replace(",", ";").replace(".", ",")
 
 
+def columns(header, row):
+    """A table of latitude and longitude whose header and rows are written so."""
+    return lambda rows: table([(t, degrees(x)) for t, x in rows if t < 60], header, row)
+
+
 @pytest.mark.parametrize(
-    "dialect",
+    ("suffix", "form"),
     [
-        comma,
-        lambda text: text.replace(",", "\t"),
-        lambda text: text.replace(",", ";"),
-        lambda text: comma(text).encode("utf-16"),
-        lambda text: text.replace("\n", "\r\n").encode("utf-8-sig"),
+        ("nmea", partial(nmea, checked=False)),
+        # the content says what a log is
+        *((suffix, form) for suffix in ("txt", "log") for form in (nmea, gpx, geographic, tum)),
+        ("gpx", partial(gpx, time="{:%Y-%m-%d %H:%M:%S}")),
+        ("gpx", partial(gpx, time="{:%Y-%m-%dT%H:%M:%S,5}+02")),
+        ("gpx", partial(gpx, time="{:%Y-%m-%dT%H:%M:%S}-0700")),
+        ("csv", lambda rows: comma(geographic(rows))),
+        ("csv", lambda rows: geographic(rows).replace(",", "\t")),
+        ("csv", lambda rows: geographic(rows).replace(",", ";")),
+        ("csv", lambda rows: comma(geographic(rows)).encode("utf-16")),
+        ("csv", lambda rows: geographic(rows).replace("\n", "\r\n").encode("utf-8-sig")),
+        ("csv", columns("Time (s),Latitude (°),Longitude (°)", "{t},{x[0]:.9f},{x[1]:.9f}")),
+        ("csv", columns("time,latitude_deg,longitude_deg", "{t},{x[0]:.9f},{x[1]:.9f}")),
+        ("csv", columns("timestamp_ms,speed,lat,lon", "{t:.0f}000,,{x[0]:.9f},{x[1]:.9f}")),
+        ("csv", columns("time,lat,lon", "2024-03-04T10:00:{t:02.0f}Z,{x[0]:.9f},{x[1]:.9f}")),
     ],
 )
-def test_tables_are_read_in_every_dialect(drives, judge, dialect):
-    texts = [dialect(geographic(rows)) for rows in drives[1]]
-    correct, queries, facts = judge(texts, "csv")
-    assert correct == queries >= 55
+def test_every_form_of_a_log_is_read(drives, judge, suffix, form):
+    correct, queries, facts = judge([form(rows) for rows in drives[1]], suffix)
+    assert correct == queries >= 54
     assert "left out" not in facts
 
 
 @pytest.mark.parametrize(
-    ("header", "row"),
+    ("suffix", "form", "says"),
     [
-        ("Time (s),Latitude (°),Longitude (°)", "{t},{x[0]:.9f},{x[1]:.9f}"),
-        ("time,latitude_deg,longitude_deg", "{t},{x[0]:.9f},{x[1]:.9f}"),
-        ("timestamp_ms,speed,lat,lon", "{t:.0f}000,,{x[0]:.9f},{x[1]:.9f}"),
-        ("time,lat,lon", "2024-03-04T10:00:{t:02.0f}Z,{x[0]:.9f},{x[1]:.9f}"),
+        ("gpx", partial(gpx, time="{:%d. %b %Y %H:%M}"), "with unreadable time.*write times such"),
+        ("gpx", partial(gpx, time="{:%Y-%m-%d %H:%M:%S} UTC"), "with unreadable time.*write times"),
+        ("csv", lambda rows: geographic(rows).replace(".", ","), "write decimals with points"),
     ],
 )
-def test_names_of_columns_are_read_with_their_units(drives, judge, header, row):
-    texts = [table([(t, degrees(x)) for t, x in rows if t < 60], header, row) for rows in drives[1]]
-    correct, queries, _ = judge(texts, "csv")
-    assert correct == queries >= 55
+def test_a_form_that_cannot_be_read_is_named(drives, judge, suffix, form, says):
+    with pytest.raises(EdgeVprError, match=says):
+        judge([form(rows) for rows in drives[1]], suffix)
 
 
 def test_rows_without_a_position_are_left_out(drives, judge):
@@ -367,12 +346,6 @@ def test_rows_without_a_position_are_left_out(drives, judge):
     correct, queries, facts = judge(texts, "csv")
     assert correct == queries >= 54
     assert facts.count("2 with no position") == 2
-
-
-def test_decimal_commas_between_commas_are_named(drives, judge):
-    texts = [geographic(rows).replace(".", ",") for rows in drives[1]]
-    with pytest.raises(EdgeVprError, match="write decimals with points"):
-        judge(texts, "csv")
 
 
 def test_what_was_mapped_and_matched_from_a_start_is_judged_at_its_own_times(drives, tmp_path):
