@@ -68,10 +68,9 @@ class Rover:
         )  # fmt: skip
         words = [str(ROOT / "examples"), self.link.address, str(map_path), str(goal_m)]
         words.append(json.dumps(limits or {}))
-        environment = {**os.environ, "PYTHONPATH": f"{ROOT}:{ROOT / 'tools'}", **environment}
         self.run = subprocess.Popen(
-            [sys.executable, "-c", ROVER, *words], env=environment, stdout=subprocess.PIPE,
-            text=True,
+            [sys.executable, "-c", ROVER, *words], env={**os.environ, **environment},
+            stdout=subprocess.PIPE, text=True,
         )  # fmt: skip
         pieces = [events[i : i + 1_000] for i in range(0, events.size, 1_000)]
         # what a rover prints ends with it, so that no test waits for ever

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 import subprocess
 import sys
 import threading
@@ -32,7 +31,6 @@ from tests.live.conftest import street_of
 from tests.live.devices import DEVICES, play, sent_by
 from tests.streams import Drive, split_events
 
-ROOT = Path(__file__).parents[2]
 SENSOR = Sensor(128, 128)
 TYPICAL = [(each.host, each.sends) for each in DEVICES if each.typical]
 
@@ -406,8 +404,7 @@ class Camera:
 def stream(camera, path, state, protocol):
     words = [sys.executable, "-m", "edge_vpr_tools.cli", "stream", "--port", camera.link.address]
     words += ["--protocol", protocol, "--map", str(path), "--state", str(state), "--json"]
-    environment = {**os.environ, "PYTHONPATH": f"{ROOT}:{ROOT / 'tools'}"}
-    return subprocess.Popen(words, stdout=subprocess.PIPE, text=True, env=environment)
+    return subprocess.Popen(words, stdout=subprocess.PIPE, text=True)
 
 
 def rows(process):

@@ -6,7 +6,6 @@ import dataclasses
 import importlib.util
 import io
 import json
-import os
 import signal
 import socket
 import subprocess
@@ -360,7 +359,6 @@ class Running:
         self.process = subprocess.Popen(
             [sys.executable, "-c", PROGRAM, "stream", *map(str, words)],
             stdin=stdin, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
-            env={**os.environ, "PYTHONPATH": f"{ROOT}:{ROOT / 'tools'}"},
         )  # fmt: skip
         self._watchdog = threading.Timer(90, self.process.kill)
         self._watchdog.start()

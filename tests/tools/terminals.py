@@ -18,14 +18,14 @@ import pyte
 class Terminal:
     """A command in a terminal that, as most do, wraps long lines anew when it is made narrower."""
 
-    def __init__(self, words, env, folder, size=(100, 30)):
+    def __init__(self, words, folder, size=(100, 30)):
         self._master, slave = pty.openpty()
         self._lock = threading.Lock()
         self._gone = False
         self._start_screen(*size)
         self.process = subprocess.Popen(
-            words, stdin=slave, stdout=slave, stderr=slave, env={**env, "TERM": "xterm-256color"},
-            start_new_session=True, cwd=folder,
+            words, stdin=slave, stdout=slave, stderr=slave, cwd=folder, start_new_session=True,
+            env={**os.environ, "TERM": "xterm-256color"},
         )  # fmt: skip
         os.close(slave)
         self._watchdog = threading.Timer(90, self.process.kill)

@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import json
-import os
 import signal
 import sys
 import time
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -25,8 +23,6 @@ from tests.tools.terminals import Terminal
 pytestmark = pytest.mark.alone
 
 SENSOR = Sensor(64, 48)
-ROOT = Path(__file__).parents[2]
-ENV = {**os.environ, "PYTHONPATH": f"{ROOT}:{ROOT / 'tools'}"}
 EVIL = "\x1b[2J\x1b]0;mine\x07[red]\u202ename"
 
 
@@ -72,7 +68,7 @@ def stream(folder, port, map_file, *words, size=(100, 30)):
     words = ["--port", port, "--protocol", "evpr", "--map", map_file, *words]
     program = [sys.executable, "-m", "edge_vpr_tools.cli", "stream", *map(str, words)]
     # names are short where it runs, so that a line holds them
-    return Terminal(program, ENV, folder, size)
+    return Terminal(program, folder, size)
 
 
 @pytest.mark.slow
