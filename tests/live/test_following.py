@@ -218,26 +218,3 @@ def test_time_of_dropped_bytes_has_no_matches_if_the_next_piece_has_no_whole_eve
     times = [match.time_us for result in results for match in result.matches]
     assert times
     assert min(times) >= 100_000
-
-
-@pytest.mark.parametrize("kind", ["sequence", "filter"])
-def test_frames_one_by_one_and_all_at_once_give_the_same(kind):
-    """More events than the ring holds, more matches than one call gives, and more than a few."""
-    rng, every = np.random.default_rng(5), MatchSchedule(events=1)
-    reference = a_map(rng, kind, "time", remove_bursts=False)
-    n = 300 if config.DISABLE_JIT else 30_000
-    events = random_events(rng, n, SENSOR, max(6_000, n // 3))
-    encoder = open_encoder("evpr", SENSOR)
-    cuts = np.cumsum(rng.choice([1, 7, 400, 3_000], n)).astype(int)
-    frames = [encoder.encode(part) for part in split_events(events, cuts[cuts < n])]
-    results = []
-    for pieces in (frames, [b"".join(frames)]):
-        decoder = open_decoder("evpr", SENSOR)
-        live = StreamMatcher(decoder, reference, every)
-        steps = [live.feed(piece, 0) for piece in pieces]
-        matches = [match for step in steps for match in step.matches]
-        decoded = join_events([step.events for step in steps])
-        results.append((decoded.tolist(), records(matches).tobytes()))
-    assert results[0] == results[1]
-    assert len(results[0][0]) == events.size
-    assert len(results[0][1]) > 0

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import csv
 import shutil
-from dataclasses import replace
 
 import pytest
 from edge_vpr_tools.estimate import core_area, targets
@@ -27,38 +26,8 @@ def test_the_table_has_every_named_design_and_no_other():
 
 
 def test_the_fit_errs_by_a_tenth_at_most_on_netlists_that_it_was_not_fitted_on():
-    """And its figures are those of the table, not constants: a table of twice the cells doubles."""
     assert set(core_area.errors()) == set(core_area.CHECKED_ON)
     assert all(abs(error) < 0.1 for error in core_area.errors().values())
-
-
-def test_cells_follow_the_table(tmp_path, monkeypatch):
-    """A table of twice the cells predicts twice as many."""
-    before = core_area.cells(DOCUMENTED)
-    table = tmp_path / "twice.csv"
-    with table.open("w", encoding="ascii", newline="") as file:
-        writer = csv.writer(file)
-        writer.writerow(core_area.HEADER)
-        writer.writerows((name, 2 * cells, 5_280) for name, cells in core_area.read().items())
-    monkeypatch.setattr(core_area, "read", lambda read=core_area.read: read(table))
-    core_area._fitted.cache_clear()
-    try:
-        assert core_area.cells(DOCUMENTED) == pytest.approx(2 * before, abs=1)
-    finally:
-        core_area._fitted.cache_clear()
-
-
-def test_lanes_bits_the_filter_and_contrast_codes_take_cells():
-    """Each of them more than nothing."""
-    single = replace(DOCUMENTED, length=1)
-    for more in (
-        replace(single, lanes=16),
-        replace(single, code_bits=6),
-        replace(single, matching="filter"),
-        replace(single, code="contrast"),
-        DOCUMENTED,
-    ):
-        assert core_area.cells(more) > core_area.cells(single)
 
 
 def test_the_energy_of_a_cycle_is_that_of_the_clock_and_of_each_cell():

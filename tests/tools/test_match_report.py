@@ -235,22 +235,6 @@ def test_the_axis_of_errors_has_ticks_above_the_tolerance(tolerance, largest):
     assert 1 <= len(above) <= 6
 
 
-def test_the_facts_of_the_console_stand_in_the_report(street):
-    folder = shutil.copytree(street / "results", street / "facts")
-    said = evaluated(street, folder, tolerance=5)
-    metrics, text = read(folder)
-    assert [*metrics["facts"]][2:] == [
-        "reference track",
-        "query track",
-        "routes",
-        "views",
-        "pixels",
-    ]
-    for heading, line in metrics["facts"].items():
-        assert re.search(f"^{heading} +{re.escape(line)}$", said, re.MULTILINE)
-        assert line in text
-
-
 def test_warnings_of_matching_stay_in_the_report_of_an_evaluation(street, monkeypatch):
     monkeypatch.setattr("edge_vpr_tools.console._FEW_PLACES", 1_000_000)
     folder = street / "burst"
@@ -434,6 +418,16 @@ def test_a_report_from_python_is_that_of_the_command_line(street, judged, tmp_pa
     for key in ("evaluation", "verdict", "ground_truth", "facts"):
         assert metrics[key] == of_command[key]
     assert metrics["facts"] == result.facts(judged.truth)
+    assert [*metrics["facts"]][2:] == [
+        "reference track",
+        "query track",
+        "routes",
+        "views",
+        "pixels",
+    ]
+    printed = (street / "printed.txt").read_text()
+    for heading, line in metrics["facts"].items():
+        assert re.search(f"^{heading} +{re.escape(line)}$", printed, re.MULTILINE)
     page = unescape((tmp_path / "out/report.html").read_text()).replace("\u00a0", " ")
     assert all(text in page for text in (metrics["verdict"], *metrics["facts"].values()))
     assert (tmp_path / "out/route.png").stat().st_size > 0
