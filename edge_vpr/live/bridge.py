@@ -152,8 +152,6 @@ def open_device_link(address: str, *, baud: int = 115_200, flow_control: bool = 
 #: Intervals at which events are sent, and at which an idle device reports that it is idle.
 SLICE_US = 5_000
 IDLE_US = 100_000
-#: A host that has sent no request for this time is taken as gone.
-GONE_S = 10.0
 _AT_ONCE = 1 << 16
 
 

@@ -48,8 +48,6 @@ class LinkReader:
     drop : bool or None
         When the queue is full or its oldest bytes have waited for `max_lag_s`, drop all of it, so
         that no bytes are missing within what follows; else let the link wait. None: drop if live.
-    buffer_bytes : int
-        Most bytes that wait for the caller.
     max_lag_s : float
         Longest time in seconds that bytes wait for the caller.
 
@@ -72,12 +70,11 @@ class LinkReader:
         teardown: bytes = b"",
         retry: bool = False,
         drop: bool | None = None,
-        buffer_bytes: int = BUFFER_BYTES,
         max_lag_s: float = MAX_LAG_S,
     ) -> None:
         self._open, self._setup, self._teardown = open_link, setup, teardown
         self._retry, self._drop = retry, drop
-        self._most, self._max_lag_s = buffer_bytes, max_lag_s
+        self._max_lag_s = max_lag_s
         self._chunks: deque[Chunk] = deque()
         self._held, self._ended = 0, False
         self._changed = threading.Condition()
@@ -215,13 +212,13 @@ class LinkReader:
 
     def _put(self, piece: Chunk, drop: bool) -> None:
         with self._changed:
-            while not drop and self._held and self._held + len(piece.data) > self._most:
+            while not drop and self._held and self._held + len(piece.data) > BUFFER_BYTES:
                 if self._stopping.is_set():
                     return
                 self._changed.wait(_WAIT_S)
             if drop and self._chunks:
                 oldest = self._chunks[0]
-                full = self._held + len(piece.data) > self._most
+                full = self._held + len(piece.data) > BUFFER_BYTES
                 if full or piece.at_s - oldest.at_s > self._max_lag_s:
                     piece = piece._replace(
                         dropped=self._held + sum(each.dropped for each in self._chunks),

@@ -19,6 +19,7 @@ import pytest
 from edge_vpr.errors import UsageError
 from edge_vpr.events import Sensor, make_events
 from edge_vpr.live import links
+from edge_vpr.live import reader as reader_module
 from edge_vpr.live.bridge import Bridge, open_device_link
 from edge_vpr.live.links import Link, LinkAbsent, LinkClosed, LinkError, SerialLink, open_link
 from edge_vpr.live.protocols import open_encoder
@@ -56,10 +57,11 @@ def drained(reader):
     return pieces
 
 
-def test_a_late_reader_gets_the_newest_bytes_and_is_told_how_many_are_gone():
+def test_a_late_reader_gets_the_newest_bytes_and_is_told_how_many_are_gone(monkeypatch):
+    monkeypatch.setattr(reader_module, "BUFFER_BYTES", 1_000)
     sent = [bytes([i]) * 100 for i in range(50)]
     link = Script(sent)
-    reader = LinkReader(lambda: link, buffer_bytes=1_000)
+    reader = LinkReader(lambda: link)
     reader._thread.join(timeout=5)
     pieces = drained(reader)
     assert b"".join(piece.data for piece in pieces) == b"".join(sent[-10:])
@@ -108,9 +110,10 @@ def test_a_file_that_ends_has_ended_and_a_live_link_is_opened_again(live):
     assert (len(opened) > 1) == live
 
 
-def test_a_link_that_can_wait_loses_nothing_to_a_late_reader():
+def test_a_link_that_can_wait_loses_nothing_to_a_late_reader(monkeypatch):
+    monkeypatch.setattr(reader_module, "BUFFER_BYTES", 1_000)
     sent = [bytes([i]) * 100 for i in range(50)]
-    reader = LinkReader(lambda: Script(sent, live=False), buffer_bytes=1_000)
+    reader = LinkReader(lambda: Script(sent, live=False))
     time.sleep(0.05)
     pieces = drained(reader)
     assert b"".join(piece.data for piece in pieces) == b"".join(sent)
