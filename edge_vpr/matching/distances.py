@@ -220,7 +220,7 @@ class ReferenceIndex:
         """
         counts = _integers(descriptor, "descriptor", 1)[None]
         if self._wide is not None:
-            return self.matrix(counts)[:, 0]
+            return self.rows(counts)[0]
         self._check_pixels(counts)
         out = np.zeros((1, self.places), dtype=self._sum_dtype)
         excess = _match(counts, self._low, self._high, self._packed, out)
@@ -240,17 +240,10 @@ class ReferenceIndex:
             Row = reference place, column = query; int64 if J times the largest difference reaches
             2**31.
         """
-        counts = _integers(queries, "queries", 2)
-        self._check_pixels(counts)
-        if self._wide is not None:
-            return self._wide_matrix(self._wide, counts)
-        packed, excess = self._pack(counts)
-        out = np.zeros((self.places, len(counts)), dtype=self._sum_dtype)
-        add_sad(self._packed, packed, out)
-        return self._add_excess(out, excess)
+        return self.rows(queries).T
 
     def rows(self, queries: npt.ArrayLike) -> Distances:
-        """Return the transpose of `matrix`: a row for each query.
+        """Return the transpose of `matrix`: a row for each query, contiguous.
 
         Parameters
         ----------
@@ -264,7 +257,7 @@ class ReferenceIndex:
         counts = _integers(queries, "queries", 2)
         self._check_pixels(counts)
         if self._wide is not None:
-            return np.ascontiguousarray(self._wide_matrix(self._wide, counts).T)
+            return self._wide_rows(self._wide, counts)
         packed, excess = self._pack(counts)
         out = np.zeros((len(counts), self.places), dtype=self._sum_dtype)
         add_sad(packed, self._packed, out)
@@ -292,12 +285,12 @@ class ReferenceIndex:
             out += excess.astype(out.dtype)
         return out
 
-    def _wide_matrix(self, places: npt.NDArray[np.int64], counts: Integers) -> Distances:
+    def _wide_rows(self, places: npt.NDArray[np.int64], counts: Integers) -> Distances:
         low, high = _range(counts)
         largest = self.pixels * (max(high, self._high) - min(low, self._low))
-        out = np.empty((self.places, len(counts)), dtype=_sum_dtype(largest))
-        for j, query in enumerate(counts.astype(np.int64)):
-            out[:, j] = np.abs(places - query).sum(axis=1)
+        out = np.empty((len(counts), self.places), dtype=_sum_dtype(largest))
+        for row, query in zip(out, counts.astype(np.int64), strict=True):
+            row[:] = np.abs(places - query).sum(axis=1)
         return out
 
 
