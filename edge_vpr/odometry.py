@@ -108,7 +108,7 @@ class Odometry(EqualByValue):
 
     def of_windows(
         self, end_us: npt.NDArray[np.int64], spacing_mm: int = 0
-    ) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64], npt.NDArray[np.bool_]]:
+    ) -> tuple[list[int | None], list[int]]:
         """Return the distance driven between the ends of successive windows.
 
         A reading belongs to the window that ends after it. The distance of a window is known if it
@@ -124,24 +124,21 @@ class Odometry(EqualByValue):
 
         Returns
         -------
-        travelled_mm, driven_mm : ndarray of int64, shape (n,)
-            What counts of it, and all of it; 0 where it is not known.
-        covered : ndarray of bool, shape (n,)
+        travelled_mm : list of int or None, of n
+            What counts of it; None where it is not known.
+        driven_mm : list of int, of n
+            All of it; 0 where it is not known.
         """
-        meter = Odometer(spacing_mm)
-        travelled, driven = np.zeros((2, len(end_us)), dtype=np.int64)
-        covered = np.zeros(len(end_us), dtype=np.bool_)
-        read = np.searchsorted(self.time_us, end_us, side="left").tolist()
-        before = 0
-        for i, count in enumerate(read):
+        meter, before = Odometer(spacing_mm), 0
+        travelled, driven = list[int | None](), list[int]()
+        for count in np.searchsorted(self.time_us, end_us, side="left").tolist():
             if count > before:
                 meter.read(int(self.distance_mm[count - 1]))
                 before = count
-            counted = meter.travelled_mm
-            if counted is not None:
-                travelled[i], driven[i], covered[i] = counted, meter.driven_mm, True
+            travelled.append(meter.travelled_mm)
+            driven.append(0 if travelled[-1] is None else meter.driven_mm)
             meter.end_window()
-        return travelled, driven, covered
+        return travelled, driven
 
 
 def ratio_text(driven_m: float, route_m: float) -> str:

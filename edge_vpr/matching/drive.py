@@ -121,17 +121,11 @@ def filter_drive(
         before and after it.
     """
     n = len(queries)
-    travelled: list[Travelled] = [None] * n
-    driven = [0] * n
+    travelled, driven = list[Travelled]([None] * n), [0] * n
     if odometry is not None:
         place_filter.transitions.check_odometry()
         spacing_mm = place_filter.transitions.spacing_mm
-        counted, every, measured = odometry.of_windows(queries.end_us, spacing_mm)
-        driven = every.tolist()
-        travelled = [
-            mm if is_measured else None
-            for mm, is_measured in zip(counted.tolist(), measured, strict=True)
-        ]
+        travelled, driven = odometry.of_windows(queries.end_us, spacing_mm)
     unseen, seen = [0] * n, np.ones(n, dtype=np.bool_)
     if queries.unseen is not None:
         unseen, seen = queries.unseen.tolist(), np.asarray(queries.events > 0)

@@ -30,7 +30,7 @@ class OdometryFeed:
 
         Parameters
         ----------
-        events : ndarray with fields t, x and y, shape (n,)
+        events : Events
             See `Localiser.update`.
 
         Returns
