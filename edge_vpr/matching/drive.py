@@ -59,26 +59,28 @@ class FilteredDrive(NamedTuple):
         Matches, without times and probability.
     candidates : ndarray of int64, shape (n, 25)
         Places of the least metrics, see `nearest_places`.
-    metrics : ndarray of float64, shape (K, n), or None
-        The metric of each place after each window.
+    metrics : ndarray of float64, shape (K, n)
+        The metric of each place after each window, the least of which is the match; of no place
+        unless asked for.
     """
 
     rows: npt.NDArray[np.void]
     candidates: npt.NDArray[np.int64]
-    metrics: npt.NDArray[np.float64] | None
+    metrics: npt.NDArray[np.float64]
 
     @classmethod
-    def empty(cls, windows: int, metrics: npt.NDArray[np.float64] | None) -> FilteredDrive:
-        """Return the matches of so many windows, not filled yet."""
+    def empty(cls, windows: int, places: int) -> FilteredDrive:
+        """Return the matches of so many windows, with metrics of so many places, not filled yet."""
         rows = np.empty(windows, dtype=MATCH_DTYPE)
-        return cls(rows, np.empty((windows, CANDIDATES), dtype=np.int64), metrics)
+        candidates = np.empty((windows, CANDIDATES), dtype=np.int64)
+        return cls(rows, candidates, np.empty((places, windows)))
 
     def put(self, first: int, rows: WindowRows) -> None:
         """Store the results of the windows from `first` on."""
         last = first + len(rows.matches)
         self.rows[first:last] = rows.matches
         self.candidates[first:last] = nearest_places(rows.least)
-        if self.metrics is not None:
+        if self.metrics.size:
             self.metrics[:, first:last] = rows.least.T
 
 
@@ -89,7 +91,7 @@ def filter_drive(
     odometry: Odometry | None = None,
     *,
     smooth: bool = False,
-    metrics: npt.NDArray[np.float64] | None = None,
+    with_metrics: bool = False,
 ) -> FilteredDrive:
     """Advance a filter over all windows of a drive.
 
@@ -105,8 +107,8 @@ def filter_drive(
         Odometry of this drive.
     smooth : bool
         Whether all later windows contribute to each match.
-    metrics : ndarray of float64, shape (K, n), optional
-        Output: the metric of each place after each window, the least of which is the match.
+    with_metrics : bool
+        Whether to keep the metric of each place after each window.
 
     Returns
     -------
@@ -130,7 +132,7 @@ def filter_drive(
     if queries.unseen is not None:
         unseen, seen = queries.unseen.tolist(), np.asarray(queries.events > 0)
     drive = _Drive(place_filter, index, queries, travelled, driven, unseen, seen)
-    filtered = FilteredDrive.empty(n, metrics)
+    filtered = FilteredDrive.empty(n, index.places if with_metrics else 0)
     if smooth:
         _smooth(drive, filtered)
         return filtered
@@ -495,12 +497,10 @@ def drive_distances(
             f"{size / 1e9:.1f} GB: read a part (end=), or take longer windows (tau=)"
         )
     if settings.matching == "filter":
-        out = np.empty((len(places), len(queries)))
-        filter_drive(
+        return filter_drive(
             PlaceFilter.of(places, settings, along_mm), ReferenceIndex(places.counts),
-            queries, odometry, smooth=settings.smooth, metrics=out,
-        )  # fmt: skip
-        return out
+            queries, odometry, smooth=settings.smooth, with_metrics=True,
+        ).metrics  # fmt: skip
     if odometry is not None:
         raise odometry_of_sequences()
     return sequence_distances(places, queries, settings.sequence_length)
