@@ -12,6 +12,7 @@ import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from importlib import import_module
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -232,7 +233,7 @@ class Measured:
         if draw is not None:
             save(draw(self.rows), folder / f"{self.name}.svg")
 
-    @property
+    @cached_property
     def columns(self) -> list[str]:
         """Columns of all rows."""
         named = [DRIVES, *open_experiment(self.name).names, SEED]
