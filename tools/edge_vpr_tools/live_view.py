@@ -312,7 +312,7 @@ class View:
 
     def _texts(self, status: LiveStatus) -> dict[str, str]:
         """Return the parts of a line, or of the panel, by name."""
-        health, filled = status.health, status.filled
+        health = status.health
         texts = {"rate": f"{self._rate:,.0f} events/s", "received": f"{health.events:,} events"}
         if health.silent_s > SILENT_S:
             texts["silent"] = f"nothing came for {health.silent_s:.0f} s"
@@ -321,9 +321,9 @@ class View:
         if (newest := self._newest) is not None:
             # an age that is not known is NaN, and comes last
             gone = bool(status.lost_link) or (max(health.silent_s, newest.age_s) > status.max_age_s)
+            share = newest.place / max(1, self._places - 1)
             texts["place"] = ("lost, last at " if gone else "lost, at best " * newest.lost) + (
-                f"place {newest.place} of {self._places}"
-                f" ({100 * self._position(filled):.0f} % of the route)"
+                f"place {newest.place} of {self._places} ({100 * share:.0f} % of the route)"
             )
             if newest.along_m is not None:
                 texts["place"] += f", at {newest.along_m:,.1f} m"
@@ -333,7 +333,7 @@ class View:
             if health.odometer_m is not None and newest.route_m is not None:
                 texts["odometer"] = ratio_text(health.odometer_m, newest.route_m)
         elif self._places:
-            texts["place"] = f"waiting for the first match: {100 * filled:.0f} %"
+            texts["place"] = f"waiting for the first match: {100 * status.filled:.0f} %"
         if status.lost_link:
             texts["health"] = "link lost" if str(health) == "no faults" else f"link lost, {health}"
             return texts
@@ -356,11 +356,6 @@ class View:
             yield "after a gap of unknown size"
         elif match.missing:
             yield f"{100 * match.missing:.0f} % of its events lost"
-
-    def _position(self, filled: float) -> float:
-        """Return the share of the route before the newest match, or of the time until the first."""
-        newest = self._newest
-        return filled if newest is None else newest.place / max(1, self._places - 1)
 
     def _write(self, row: dict[str, Any]) -> None:
         text = json.dumps(row)

@@ -32,8 +32,9 @@ from edge_vpr_tools.report.style import BLUE, ORANGE, SKY, figure, save
 
 #: one over the marginal energy: the headline
 PER_JOULE = "matches per joule"
-#: Speed and memory by their names in `numbers`: names in a table, and units.
-SPEED: Mapping[str, tuple[str, str]] = {
+#: What two profiles are compared by, by the names in `numbers`: names in a table, and units.
+COMPARED: Mapping[str, tuple[str, str]] = {
+    "matches_per_joule": (PER_JOULE, ""),
     "events_per_s": ("events per second", ""),
     "matches_per_s": ("matches per second", ""),
     "times_real_time": ("times real time", ""),
@@ -41,11 +42,6 @@ SPEED: Mapping[str, tuple[str, str]] = {
     "latency_p99_s": ("latency of a call with a match, p99", "s"),
     "cpu_s_per_match": ("processor time per match, with its events", "s"),
     "peak_memory_bytes": ("peak memory of the process", "MiB"),
-}
-#: What two profiles are compared by: the headline, speed, and energy.
-COMPARED: Mapping[str, tuple[str, str]] = {
-    "matches_per_joule": (PER_JOULE, ""),
-    **SPEED,
     "marginal_j_per_match": ("marginal energy of a match, with its events", "J"),
     "idle_w": ("power at rest", "W"),
 }

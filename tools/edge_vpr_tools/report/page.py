@@ -186,7 +186,7 @@ def _is_number(cell: str) -> bool:
 
 
 _HASH_SHOWN = 16
-_NAMES = {"edge-vpr": "edge-vpr", "python": "Python", "numpy": "NumPy", "numba": "Numba"}
+_NAMES = {"python": "Python", "numpy": "NumPy", "numba": "Numba"}
 
 
 def add_run(page: Page, record: RunRecord) -> None:
