@@ -16,11 +16,9 @@ import numpy as np
 import pytest
 from edge_vpr_tools.commands import estimate as estimate_arguments
 from edge_vpr_tools.commands.estimate import workload_of
-from edge_vpr_tools.estimate import emulation, search, targets
+from edge_vpr_tools.estimate import emulation, fitting, targets
 from edge_vpr_tools.estimate import model as counts
-from edge_vpr_tools.estimate.model import Mission, cost, firmware, instructions_of
-from edge_vpr_tools.estimate.of_map import design_of, event_rates
-from edge_vpr_tools.estimate.search import (
+from edge_vpr_tools.estimate.fitting import (
     FIRMWARE_LIMITS,
     Budget,
     Limits,
@@ -28,6 +26,8 @@ from edge_vpr_tools.estimate.search import (
     on_target,
     recommend,
 )
+from edge_vpr_tools.estimate.model import Mission, cost, firmware, instructions_of
+from edge_vpr_tools.estimate.of_map import design_of, event_rates
 
 from edge_vpr.errors import UsageError
 from edge_vpr.recordings import open_recording
@@ -411,7 +411,7 @@ def test_the_smallest_design_that_is_as_good_is_recommended(monkeypatch):
     m4 = targets.find("cortex-m4")
 
     def recommended(budget, *tried):
-        monkeypatch.setattr(search, "tried_designs", lambda: tried)
+        monkeypatch.setattr(fitting, "tried_designs", lambda: tried)
         return recommend(design, mission, Limits(m4, [Budget.parse(budget)]))
 
     small, large = Tried(25, 3, 1, 0.90, 0.03), Tried(150, 3, 2, 0.95, 0.02)
@@ -441,7 +441,7 @@ def test_the_rovers_question_is_one_command(tmp_path, run):
     assert named.startswith("ecp5-25f ")
     share = named[named.index("(") + 1 : named.index(")")]
     assert float(share) > float(rows["ecp5-25f"][-1])
-    tried = f"The smallest of {len(search.tried_designs())} designs"
+    tried = f"The smallest of {len(fitting.tried_designs())} designs"
     assert f"{tried} within flash=256KiB and ram=32KiB" in text
     chosen = json.loads(run(*rover, "--json").out)["recommended"]["ice40up5k"]["best"]
     device = chosen["device"]
@@ -478,7 +478,7 @@ def test_the_page_names_every_target_and_key():
     page = (ROOT / "docs" / "estimate.md").read_text(encoding="utf-8")
     assert [name for name in targets.names() if f"`{name}`" not in page] == []
     keys = {*(each.name for each in fields(counts.Cost)), *(e.name for e in fields(counts.Sizes))}
-    keys |= {*search.DeviceMemory._fields, *search.Recommendation._fields, "limited_by"}
+    keys |= {*fitting.DeviceMemory._fields, *fitting.Recommendation._fields, "limited_by"}
     keys |= {"accuracy", "error", "selected_share"}
     assert [key for key in sorted(keys) if not re.search(rf"`([\w.]+\.)?{key}`", page)] == []
 

@@ -14,8 +14,8 @@ from edge_vpr.events import Events, join_events
 from edge_vpr.files import check_parent
 from edge_vpr.recordings.reading import EventSource
 from edge_vpr.reference_map import ReferenceMap
+from edge_vpr_tools.estimate.fitting import Budget
 from edge_vpr_tools.estimate.of_map import memories_of
-from edge_vpr_tools.estimate.search import Budget
 from firmware_model import Design, Event
 from firmware_model.vectors import (
     AIMED,

@@ -143,13 +143,13 @@ def _of_flags(args: argparse.Namespace) -> Design:
 def run(args: argparse.Namespace) -> None:
     """Count, model, and print."""
     from edge_vpr.results import json_text, to_json
-    from edge_vpr_tools.estimate import search, show
+    from edge_vpr_tools.estimate import fitting, show
     from edge_vpr_tools.estimate.model import cost, search_work, sizes
     from edge_vpr_tools.estimate.targets import find, names
     from firmware_model.errors import DesignError
 
     targets = list(dict.fromkeys(find(name) for name in args.target or names()))
-    budgets = [search.Budget.parse(text) for text in args.fit]
+    budgets = [fitting.Budget.parse(text) for text in args.fit]
     if len({budget.quantity for budget in budgets}) < len(budgets):
         raise UsageError(
             f"--fit {' --fit '.join(args.fit)}: give one limit each of flash, RAM, and both "
@@ -162,13 +162,13 @@ def run(args: argparse.Namespace) -> None:
     values = {"schema": 6, "mission": mission}
     if budgets and args.map is None and args.design is None:
         recommended = {
-            of: search.recommend(design, mission, search.Limits(of, budgets)) for of in targets
+            of: fitting.recommend(design, mission, fitting.Limits(of, budgets)) for of in targets
         }
         show.show_recommended(recommended, budgets, mission)
         values["recommended"] = {of.name: one for of, one in recommended.items()}
     else:
         estimates = {
-            of: search.on_target(design, mission, search.Limits(of, budgets)) for of in targets
+            of: fitting.on_target(design, mission, fitting.Limits(of, budgets)) for of in targets
         }
         at_rates = {
             of: {rate: cost(design, of, mission.at_rate(rate, design)) for rate in EVENT_RATES}

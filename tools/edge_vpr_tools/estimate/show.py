@@ -6,14 +6,14 @@ from collections.abc import Collection, Mapping, Sequence
 
 from edge_vpr_tools.console import number_of, say, table
 from edge_vpr_tools.estimate import core_area
-from edge_vpr_tools.estimate.model import Cost, Mission, firmware, search_work, sizes
-from edge_vpr_tools.estimate.search import (
+from edge_vpr_tools.estimate.fitting import (
     Budget,
     DesignOnTarget,
     Recommendation,
     blocks_of,
     tried_designs,
 )
+from edge_vpr_tools.estimate.model import Cost, Mission, firmware, search_work, sizes
 from edge_vpr_tools.estimate.targets import Constant, Spread, Target, constants
 from edge_vpr_tools.report.page import quantity
 from firmware_model.design import Design

@@ -12,8 +12,8 @@ from collections.abc import Iterator
 from itertools import product
 from typing import NamedTuple
 
+from edge_vpr_tools.estimate.fitting import Limits, on_target
 from edge_vpr_tools.estimate.model import Mission, sizes
-from edge_vpr_tools.estimate.search import Limits, on_target
 from edge_vpr_tools.estimate.targets import find, names
 
 from firmware_model.design import Design
