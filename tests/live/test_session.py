@@ -260,11 +260,6 @@ def query():
     return random_events(np.random.default_rng(1), 40_000, SENSOR, 2_000_000)
 
 
-def camera(protocol, events):
-    """A camera that sends these events once."""
-    return play(Drive(events, SENSOR), SENSOR, protocol)
-
-
 def offline(reference, events):
     """The matches of a recording."""
     return matched_live(reference, Drive(events, SENSOR), "50ms")
@@ -284,7 +279,7 @@ def test_the_matches_of_every_protocol_are_those_of_the_recording(
     events = query.copy()
     if not device.startswith("evpr"):
         events.t -= events["t"][0]  # time 0 is then that of the first event
-    address, _, thread = camera(device, events)
+    address, _, thread = play(Drive(events, SENSOR), SENSOR, device)
     matches = []
     line = ev.Line(address, reconnect=False, on_overload="wait")
     with LiveSession(line, protocol=host, reference=route, max_age="60s") as session:
@@ -589,19 +584,23 @@ def test_a_lag_after_a_silence_is_the_line_s_and_nothing_else_is_suspected():
     ]  # fmt: skip
 
 
-def test_what_is_recorded_and_learnt_is_complete_when_the_block_ends(route, query, tmp_path):
-    address, _, thread = camera("evpr", query)
-    raw, events = tmp_path / "raw.bin", tmp_path / "events.npz"
-    line = ev.Line(address, reconnect=False, on_overload="wait")
-    files = SessionFiles(record=[raw, events], learn=tmp_path / "map.npz", settings=route.settings)
-    with LiveSession(line, protocol="evpr", sensor=SENSOR, files=files) as session:
-        assert list(session) == []
-    thread.join(timeout=5)
+def test_a_known_route_is_matched_while_the_drive_is_recorded_and_mapped(route, query, tmp_path):
+    """With other settings than those of the map; all files are complete when the block ends."""
+    sent, places = write_sent(tmp_path / "sent.bin", query), len(route)
+    raw, events, mapped = (tmp_path / name for name in ("raw.bin", "events.npz", "map.npz"))
+    settings = replace(route.settings, pixels=10)
+    files = SessionFiles(record=[raw, events], learn=mapped, settings=settings)
+    with LiveSession(sent, protocol="evpr", reference=route, files=files) as session:
+        matched = [match.place for match in session]
+    assert matched == offline(route, query)["place"].tolist() and len(route) == places
+    assert raw.read_bytes() == sent.read_bytes()
     assert np.array_equal(join_events(list(open_recording(events))), query)
-    assert len(ReferenceMap.load(tmp_path / "map.npz")) == len(files.learnt) == 19
-    with LiveSession(raw, protocol="evpr", reference=route) as again:
-        assert [match.place for match in again] == offline(route, query)["place"].tolist()
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["events.npz", "map.npz", "raw.bin"]
+    again = ReferenceMap.build(Drive(query, SENSOR), settings)
+    assert ReferenceMap.load(mapped) == files.learnt == again
+    assert files.update is None
+    assert {path.name for path in tmp_path.iterdir()} == {
+        "sent.bin", "raw.bin", "events.npz", "map.npz"
+    }  # fmt: skip
 
 
 def test_the_same_files_serve_one_session_after_another(route, query, tmp_path):
@@ -612,21 +611,6 @@ def test_the_same_files_serve_one_session_after_another(route, query, tmp_path):
             assert list(session)
         assert raw.read_bytes() == sent.read_bytes()
         raw.unlink()
-
-
-def test_a_known_route_is_matched_while_a_map_with_other_settings_is_made(route, query, tmp_path):
-    address, _, thread = camera("evpr", query)
-    places, target = len(route), tmp_path / "new.npz"
-    settings = replace(route.settings, pixels=10)
-    line = ev.Line(address, reconnect=False, on_overload="wait")
-    files = SessionFiles(learn=target, settings=settings)
-    with LiveSession(line, protocol="evpr", reference=route, files=files) as session:
-        matched = [match.place for match in session]
-    thread.join(timeout=5)
-    assert matched == offline(route, query)["place"].tolist() and len(route) == places
-    again = ReferenceMap.build(Drive(query, SENSOR), settings)
-    assert ReferenceMap.load(target) == files.learnt == again
-    assert files.update is None
 
 
 def test_a_known_map_learns_the_drive_that_it_is_matched_with(street, tmp_path, run):
@@ -737,17 +721,15 @@ def test_a_session_that_is_not_open_yet_has_a_state():
 
 
 def test_a_program_that_fails_leaves_whole_files(route, query, tmp_path):
-    address, _, thread = camera("evpr", query)
-    events = tmp_path / "events.npz"
+    events, sent = tmp_path / "events.npz", write_sent(tmp_path / "sent.bin", query)
     files = SessionFiles(record=events)
     with (
         pytest.raises(ZeroDivisionError),
-        LiveSession(address, protocol="evpr", reference=route, files=files) as session,
+        LiveSession(sent, protocol="evpr", reference=route, files=files) as session,
     ):
         for match in session:
             if match.query == 5:
                 raise ZeroDivisionError
-    thread.join(timeout=20)
     recorded = join_events(list(open_recording(events)))
     assert 0 < recorded.size == session.health.events
 
