@@ -673,6 +673,8 @@ def test_a_map_in_place_of_a_port_is_called_a_map(route, tmp_path):
         ({"record": "drive.xyz"}, r"drive.*: expected \.bin for bytes, or \.npz"),
         ({"record": "drive"}, r"drive.*: expected \.bin for bytes, or \.npz"),
         ({"learn": "x.txt"}, r"x.txt does not end in .npz: name the map"),
+        ({"state": "run.state", "learn": "new.npz"}, "leave out learn="),
+        ({"state": "run.state"}, "give reference="),
     ],
 )
 def test_files_are_looked_at_before_the_link_is_opened(files, says, tmp_path, monkeypatch):
@@ -701,9 +703,13 @@ def test_a_remark_on_the_camera_is_a_message(route, tmp_path):
         ({"learn": "sent.bin"}, "is the input"),
         ({"record": ["a.bin", "a.bin"]}, "is named twice"),
         ({"record": "a.npz", "learn": "a.npz"}, "is named twice"),
+        ({"state": "run.npz"}, "such as live.state"),
+        ({"state": "missing/run.state"}, "no folder missing"),
     ],
 )
-def test_a_file_of_a_session_replaces_no_other(files, says, route, query, tmp_path, monkeypatch):
+def test_a_file_of_a_session_has_a_place_and_replaces_no_other(
+    files, says, route, query, tmp_path, monkeypatch
+):
     """Not even with `overwrite`; a map may be replaced by itself, with what it has learnt."""
     monkeypatch.chdir(tmp_path)
     route.save("map.npz")

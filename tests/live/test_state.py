@@ -299,26 +299,6 @@ def test_a_state_with_other_numbers_of_the_filter_is_of_another_edge_vpr(street,
     assert localiser.checksum() != own
 
 
-@pytest.mark.parametrize(
-    ("files", "has_map", "says"),
-    [
-        ({"state": "run.npz"}, True, "such as live.state"),
-        ({"state": "missing/run.state"}, True, "no folder missing"),
-        ({"state": "run.state", "learn": "new.npz"}, True, "leave out learn="),
-        ({"state": "run.state"}, False, "give reference="),
-    ],
-)
-def test_a_state_that_cannot_be_kept_is_refused_before_the_line_is_opened(
-    files, has_map, says, street
-):
-    reference = street[0] if has_map else None
-    with pytest.raises(UsageError, match=says):
-        LiveSession(
-            "tcp://127.0.0.1:1", protocol="evpr", reference=reference, sensor=SENSOR,
-            files=SessionFiles(**files),
-        )  # fmt: skip
-
-
 def test_a_file_is_read_without_keeping_a_state_which_is_told(street, tmp_path):
     path, events, _ = street
     said = []

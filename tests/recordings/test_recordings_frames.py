@@ -181,24 +181,6 @@ def test_a_period_is_a_positive_number(text):
         parse_period(text)
 
 
-@pytest.mark.slow
-def test_the_real_walk_has_exactly_as_many_events_as_counted(shared_data):
-    path = shared_data / "speck_walks" / "reference.npz"
-    with np.load(path) as archive:
-        frames = archive["frames"]
-    recording = open_recording(path, frame_period=THIRTIETH)
-    per_pixel = np.zeros((128, 128), np.int64)
-    edges = np.array([math.floor(Fraction(f, 30) * 10**6) for f in range(len(frames) + 1)])
-    per_frame = np.zeros(len(frames), np.int64)
-    for events in recording:
-        np.add.at(per_pixel, (events["y"], events["x"]), 1)
-        frame = np.searchsorted(edges, events["t"], side="right") - 1
-        per_frame += np.bincount(frame, minlength=len(frames))
-    assert per_pixel.sum() == 9_084_341
-    assert np.array_equal(per_pixel, frames.sum(axis=0, dtype=np.int64))
-    assert np.array_equal(per_frame, frames.sum(axis=(1, 2), dtype=np.int64))
-
-
 def test_a_folder_of_float_arrays_is_read_as_its_png_would_be(tmp_path):
     rng = np.random.default_rng(3)
     frames = rng.integers(0, 4, (12, 6, 8)).astype(np.float32)

@@ -263,25 +263,6 @@ def test_map_shows_each_drive_and_its_track(drive, tmp_path, run):
         assert re.search(f"^{heading} track +20 m from 0.0 to 2.0 s, 10 m/s", said, re.MULTILINE)
 
 
-@pytest.mark.slow
-def test_by_default_the_place_filter_matches_offline_and_online_alike(drive, run, tmp_path):
-    mapped, whole, live = (tmp_path / name for name in ("map.npz", "whole", "live"))
-    run("map", drive / "reference.npz", "-o", mapped, *FEW)
-    settings = ReferenceMap.load(mapped).settings
-    assert (settings.matching, settings.counter_code) == ("filter", "contrast")
-    match = ["match", mapped, drive / "query.npz", "-o"]
-    run(*match, whole, "--no-smooth")
-    run(*match, live, "--online", "--every", "window")
-    batch, online = (Matches.load(folder / "matches.npz") for folder in (whole, live))
-    assert online.place.tolist()[: len(batch)] == batch.place.tolist()
-    assert online.trust.tolist()[: len(batch)] == batch.trust.tolist()
-    assert json.loads((live / "run.json").read_text())["settings"]["smooth"] is False
-    np.save(tmp_path / "truth.npy", np.eye(batch.places_in_map, len(batch), dtype=np.uint8))
-    run("evaluate", whole, "--ground-truth", tmp_path / "truth.npy", "--rows", "reference")
-    metrics = json.loads((whole / "metrics.json").read_text())
-    assert metrics["evaluation"]["score"] == "trust"
-
-
 def test_calibrating_says_what_it_learnt_from(drive, run, refused, tmp_path):
     mapped, track = tmp_path / "map.npz", tmp_path / "track.csv"
     run("map", drive / "reference.npz", "-o", mapped, *FEW)

@@ -255,6 +255,8 @@ def test_an_online_report_shows_correct_and_wrong_once_it_knows(street):
     assert not legend(text, "correct, not accepted")
     evaluated(street, folder)
     metrics, text = read(folder)
+    assert metrics["evaluation"]["score"] == "trust"
+    assert json.loads((folder / "run.json").read_text())["settings"]["smooth"] is False
     correct = round(metrics["evaluation"]["precision_at_100_recall"] * number)
     assert f"{correct} of {metrics['evaluation']['queries']} live matches are correct" in text
     assert legend(text, "wrong, not accepted")
