@@ -733,21 +733,6 @@ def test_a_line_of_status_comes_in_time_and_at_each_change(sent, capsys, monkeyp
     assert len(lines_after()) == 1
 
 
-def test_ports_are_listed(run, monkeypatch):
-    from serial.tools import list_ports
-    from serial.tools.list_ports_common import ListPortInfo
-
-    ports = [ListPortInfo("/dev/ttyUSB0"), ListPortInfo("/dev/ttyACM0"), ListPortInfo("/dev/ttyS0")]
-    ports[1].vid, ports[1].pid, ports[1].description = 0x37C5, 0x1206, "OpenMV N6"
-    monkeypatch.setattr(list_ports, "comports", lambda: ports)
-    assert [(row["port"], row["usb"]) for row in json.loads(run("ports", "--json").out)] == [
-        ("/dev/ttyACM0", "37c5:1206"), ("/dev/ttyS0", None), ("/dev/ttyUSB0", None),
-    ]  # fmt: skip
-    assert run("ports").out.splitlines()[0] == "/dev/ttyACM0  37c5:1206  OpenMV N6"
-    monkeypatch.setattr(list_ports, "comports", list)
-    assert "no serial ports" in run("ports").out
-
-
 def bench(name):
     """Return a module of the benchmarks, which are no package."""
     spec = importlib.util.spec_from_file_location(name, ROOT / "tools" / "bench" / f"{name}.py")

@@ -403,7 +403,7 @@ def test_aedat4_with_two_cameras_asks_which(tmp_path):
 @pytest.mark.parametrize(
     ("name", "head", "module", "extra"),
     [
-        ("a.parquet", b"PAR1", "pyarrow", "parquet"),
+        ("a.parquet", b"PAR1", "pyarrow.parquet", "parquet"),
         ("a.h5", b"\x89HDF\r\n\x1a\n", "h5py", "hdf5"),
         ("a.bag", b"#ROSBAG V2.0\n", "rosbags.rosbag1", "ros"),
     ],

@@ -73,14 +73,26 @@ def test_a_port_that_may_not_be_opened_is_told(monkeypatch, is_open):
     assert doctor.ports() == told
 
 
-def test_a_port_is_shown_with_the_name_that_stays(monkeypatch, tmp_path, run):
-    """/dev/ttyUSB0 is another device after the next start."""
-    port, link = tmp_path / "ttyUSB0", tmp_path / "by-id/usb-Maker_1.2-if00-port0"
+def test_ports_are_listed_with_the_names_that_stay_and_nothing_raw(monkeypatch, tmp_path, run):
+    """/dev/ttyUSB0 is another device after the next start; a device calls itself anything."""
+    usb, link = tmp_path / "ttyUSB0", tmp_path / "by-id/usb-Maker_1.2-if00-port0"
     link.parent.mkdir()
-    port.touch()
-    link.symlink_to(port)
+    usb.touch()
+    link.symlink_to(usb)
     monkeypatch.setattr(ports, "LINKS", str(tmp_path))
-    attached = [list_ports_common.ListPortInfo(str(each)) for each in (port, tmp_path / "ttyS0")]
+    names = [str(usb), "/dev/ttyACM0", "/dev/tty\x1b[31mX"]
+    attached = [list_ports_common.ListPortInfo(name) for name in names]
+    attached[1].vid, attached[1].pid, attached[1].description = 0x37C5, 0x1206, "OpenMV N6"
+    attached[2].description = "\x1b]0;mine\x07[red]\u202ename" + "y" * 1_000
     monkeypatch.setattr(list_ports, "comports", lambda: attached)
-    (stays,) = (line for line in run("ports").out.splitlines() if "always" in line)
-    assert stays == f"    always {link}"
+    rows = json.loads(run("ports", "--json").out)
+    assert [(row["port"], row["always"], row["usb"]) for row in rows] == [
+        (names[2], None, None), (names[1], None, "37c5:1206"), (names[0], str(link), None),
+    ]  # fmt: skip
+    odd, openmv, _, always = run("ports").out.splitlines()
+    assert r"\x1b[31mX  -  \x1b]0;mine\x07[red]\u202ename" in odd
+    assert odd.isprintable() and len(odd) < 150
+    assert openmv == "/dev/ttyACM0  37c5:1206  OpenMV N6"
+    assert always == f"    always {link}"
+    monkeypatch.setattr(list_ports, "comports", list)
+    assert "no serial ports" in run("ports").out

@@ -444,6 +444,8 @@ def test_a_map_says_in_python_what_info_prints(street, run):
     of_info = json.loads(run("info", street / "map.npz", "--json").out)
     for name in ("places", "route_m", "settings"):
         assert of_info[name] == getattr(info, name)
+    assert (of_info["format"], of_info["sensor"], of_info["pixels"]) == ("map", "32x32", 8)
+    assert "8, 3 bits each" in f"{info}"
 
 
 def test_several_tolerances_are_judged_in_one_run(street, tmp_path, run):

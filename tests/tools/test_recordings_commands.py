@@ -15,7 +15,6 @@ from edge_vpr_tools.inputs import watched, with_progress
 from edge_vpr.events import Sensor, join_events, make_events
 from edge_vpr.recordings import WRITTEN, open_recording, write_recording
 from edge_vpr.simulation import simulate_pair
-from tests.streams import random_events
 
 SENSOR = Sensor(40, 30)
 EVENTS = make_events([0, 500_000, 500_000, 2_000_000], [1, 2, 3, 39], [1, 2, 3, 29], [1, 0, 1, 1])
@@ -64,23 +63,6 @@ def test_info_of_a_single_event_has_no_rate(tmp_path, run):
     write_recording(tmp_path / "a.raw", EVENTS[:1], sensor=SENSOR)
     assert json.loads(run("info", tmp_path / "a.raw", "--json").out)["events_per_s"] is None
     assert "rate      -" in run("info", tmp_path / "a.raw").out
-
-
-def test_info_says_what_a_map_holds(tmp_path, run):
-    drive = random_events(np.random.default_rng(0), 20_000, SENSOR, 20_000_000)
-    write_recording(tmp_path / "a.npz", drive, sensor=SENSOR)
-    track = "".join(f"{i},{10 * i}\n" for i in range(21))
-    (tmp_path / "track.csv").write_text("time_s,x_m\n" + track)
-    for name, flags in (("m", []), ("track", ["--track", tmp_path / "track.csv"])):
-        run("map", tmp_path / "a.npz", "-o", tmp_path / f"{name}.npz", "--pixels", "20", *flags)
-    facts = json.loads(run("info", tmp_path / "m.npz", "--json").out)
-    assert (facts["format"], facts["sensor"], facts["pixels"]) == ("map", "40x30", 20)
-    assert (facts["route_m"], facts["places_with_position"]) == (None, 0)
-    assert facts["settings"]["pixels"] == 20
-    out = run("info", tmp_path / "track.npz").out
-    assert f"places    {facts['places']}" in out
-    assert "20, 3 bits each" in out
-    assert "along" in out
 
 
 @pytest.mark.parametrize(("first", "second"), [(".csv", ".txt"), (".npz", ".raw")])
