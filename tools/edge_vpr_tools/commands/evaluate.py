@@ -96,9 +96,14 @@ def run(args: argparse.Namespace) -> None:
     from edge_vpr.evaluation.metrics import evaluate
     from edge_vpr.evaluation.tracks import with_positions
     from edge_vpr.files import read_json
-    from edge_vpr.results import json_text, run_record, write_json
+    from edge_vpr.results import json_text, write_json
     from edge_vpr_tools.report.page import MISSED
-    from edge_vpr_tools.report.traverse import other_figures, tolerance_table, write_report
+    from edge_vpr_tools.report.traverse import (
+        evaluated,
+        other_figures,
+        tolerance_table,
+        write_report,
+    )
     from edge_vpr_tools.report.verdict import outcome_of
     from edge_vpr_tools.truth_files import (
         TruthFiles,
@@ -135,20 +140,16 @@ def run(args: argparse.Namespace) -> None:
         evaluations[tolerance] = judged(truth_of(result, replace(files, tolerance=tolerance)))
     by_tolerance = {one.truth.tolerance_text: one for one in evaluations.values()}
     metrics = read_json(folder / results.METRICS, "metrics", "match again")
-    metrics["ground_truth"] = truth.description
-    metrics["facts"] = lines = result.facts(truth)
+    outcome = outcome_of(reference, matches, evaluation)
+    metrics |= evaluated(result, outcome, evaluation, args.ground_truth)
     metrics["truth"] = files
-    metrics["evaluation"] = evaluation.to_dict()
     metrics["tolerances"] = [
         {"tolerance": each, "unit": truth.error_unit, **one.shares()}
         for each, one in evaluations.items()
     ]
-    metrics["evaluated_by"] = run_record(matches.settings.to_dict(), args.ground_truth)
     route = reference.route
     if route is None and truth.tracks is not None:
         route = with_positions(reference, truth.tracks[0]).route
-    outcome = outcome_of(reference, matches, evaluation)
-    metrics["verdict"] = outcome.sentence
     write_report(
         folder, result, outcome, formats,
         route=route, warnings=warnings_so_far(), tolerances=by_tolerance,
@@ -169,7 +170,7 @@ def run(args: argparse.Namespace) -> None:
     figures = [(name, value) for name, value, _ in other_figures(evaluation)]
     table(("figure", "value"), figures, width=_WIDTH)
     summary(f"judged by {truth.description}")
-    print_facts(lines)
+    print_facts(metrics["facts"])
     summary(
         'R@99P takes its threshold from this truth, "accepted" does not; recall counts a query as '
         f"missed if {MISSED[args.recall_denominator]}; see {folder / results.REPORT}"

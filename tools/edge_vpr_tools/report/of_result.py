@@ -20,7 +20,7 @@ from edge_vpr.errors import UsageError
 from edge_vpr.evaluation.metrics import Evaluation
 from edge_vpr.files import read_json
 from edge_vpr.match_result import MatchResult
-from edge_vpr.results import METRICS, results_folder, run_record, write_json
+from edge_vpr.results import METRICS, results_folder, write_json
 from edge_vpr_tools.report.figures import (
     TIME,
     WIDTH,
@@ -32,7 +32,7 @@ from edge_vpr_tools.report.figures import (
 )
 from edge_vpr_tools.report.page import as_html
 from edge_vpr_tools.report.style import STYLE, along_route, legend_below, save
-from edge_vpr_tools.report.traverse import write_report
+from edge_vpr_tools.report.traverse import evaluated, write_report
 from edge_vpr_tools.report.verdict import outcome_of
 
 
@@ -105,13 +105,7 @@ def write(
         write_report(new, result, outcome, figures)
         if evaluation is not None:
             metrics = read_json(new / METRICS, "metrics", "match again")
-            metrics["ground_truth"] = evaluation.truth.description
-            metrics["facts"] = result.facts(evaluation.truth)
-            metrics["evaluation"] = evaluation.to_dict()
-            metrics["verdict"] = outcome.sentence
-            settings = result.matches.settings.to_dict()
-            metrics["evaluated_by"] = run_record(settings, ())
-            write_json(new / METRICS, metrics)
+            write_json(new / METRICS, metrics | evaluated(result, outcome, evaluation, ()))
 
 
 def html(result: MatchResult) -> str:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from types import MappingProxyType
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -16,7 +16,7 @@ from edge_vpr.evaluation.metrics import Evaluation
 from edge_vpr.match_result import MatchResult
 from edge_vpr.matching.matches import Matches
 from edge_vpr.reference_map import ReferenceMap
-from edge_vpr.results import REPORT, read_run
+from edge_vpr.results import REPORT, read_run, run_record
 from edge_vpr.route import Route
 from edge_vpr_tools.console import places_text
 from edge_vpr_tools.report.figures import (
@@ -105,6 +105,19 @@ def write_report(
             page.picture(*picture)
     add_run(page, run)
     page.write(folder / REPORT)
+
+
+def evaluated(
+    result: MatchResult, outcome: Outcome, evaluation: Evaluation, inputs: Sequence[str]
+) -> dict[str, Any]:
+    """Return what an evaluation, with these files, adds to ``metrics.json``."""
+    return {
+        "ground_truth": evaluation.truth.description,
+        "facts": result.facts(evaluation.truth),
+        "evaluation": evaluation.to_dict(),
+        "evaluated_by": run_record(result.matches.settings.to_dict(), inputs),
+        "verdict": outcome.sentence,
+    }
 
 
 def _drawn(
