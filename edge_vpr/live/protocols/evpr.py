@@ -441,7 +441,7 @@ class EvprDecoder(Decoder):
     resync_bytes = MAX_STUFFED + 1
 
     def __init__(self, sensor: Sensor) -> None:
-        super().__init__(sensor, Clock(confirm=1), EXACT)
+        super().__init__(sensor, Clock(vouched=True), EXACT)
         self._endless = False  # within a frame that is already too long
         state = np.array([(-1, 0, 0, 0, *_bits_of(sensor))], dtype=_STATE)
         buffers = FrameBuffers.of(state)

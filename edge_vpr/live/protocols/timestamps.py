@@ -86,7 +86,7 @@ class Clock:
 
     bits: int = 0  #: It wraps after ``2**bits`` ticks; 0: it never does.
     tick_us: int = 1  #: Microseconds a tick.
-    confirm: int = CONFIRM  #: Events that confirm an odd step; 1 where a checksum vouches for each.
+    vouched: bool = False  #: Whether a checksum protects times: one event confirms an odd step.
 
 
 class TimestampFilter:
@@ -115,19 +115,19 @@ class TimestampFilter:
             period = 1 << clock.bits
             late = min(late, period // 64)
         self._period = period
-        silence = VOUCHED_SILENCE_US if clock.confirm == 1 else SILENCE_US
+        silence = VOUCHED_SILENCE_US if clock.vouched else SILENCE_US
         self.longest_silence_us = silence
         self._state = np.zeros(1, dtype=_STATE)
         self._state["allowed"], self._state["heard_us"] = 1 << 62, -1
-        self._state["passed"] = max(1, UNKNOWN_US // tick) if clock.confirm == 1 else 1
+        self._state["passed"] = max(1, UNKNOWN_US // tick) if clock.vouched else 1
         # host's times of the newest bytes, and of those that last advanced this clock, to `_then`
         self._host_us: int | None = None
         self._advanced_us = self._then = 0
-        self._most_held = max(1, clock.confirm)
+        self._vouched, self._most_held = clock.vouched, 1 if clock.vouched else CONFIRM
         self.kernel_state = shared_state(
             _FilterState(
                 self._state, empty_events(self._most_held).columns, sensor.width, sensor.height,
-                period, late, sure, step_limit, max(1, silence // tick), tick, clock.confirm,
+                period, late, sure, step_limit, max(1, silence // tick), tick, self._most_held,
             )
         )  # fmt: skip
 
@@ -147,7 +147,7 @@ class TimestampFilter:
             self._advanced_us = host_us if self._host_us is None else self._host_us
         self._host_us, self._then = host_us, int(state["now"])
         state["passed"] = max(1, (host_us - self._advanced_us) // self._tick)
-        if self._most_held == 1:
+        if self._vouched:
             return
         allowed_us = AHEAD_US
         if state["heard_us"] >= 0:
