@@ -372,7 +372,7 @@ class DescriptorStream:
             if self._image_shape is not None:
                 count_frame(events.x, events.y, self._counts.reshape(self._image_shape))
             else:
-                count_events(self._table, events.x, events.y, self._counts)
+                count_until(self._table, events.x, events.y, self._counts, _NO_LIMIT)
             self._events += events.size
 
     def _take(self, start: int, end: int) -> WindowCounts:
