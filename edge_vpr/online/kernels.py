@@ -106,7 +106,7 @@ def match_now(state, filter_table, rows, s, total, c, length, limits, over, out,
         Whether there is a match: not if only changes are requested and the place is the same.
     """
     if state is None:
-        if length is not None:
+        if length is not None:  # or a filter's kernel takes a second longer to compile
             return sequence_match(s.sums[0], total, c, length, out[i])
         return False
     state, rows = FilterState(*state), WindowRows(*rows)
