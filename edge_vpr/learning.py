@@ -139,6 +139,20 @@ def learn_drive(
             + "; if this is one, windows could not be aligned by matching: make the map with the "
             "track of its drive, and give that of this drive (track=) too" * (not by_track)
         )
+    windows = counted.take(slice(None, None, reference.settings.window_parts))
+    drive = Drive.of_windows(windows, reference.pixel_map.sensor, track=track)
+    return MapUpdate(_averaged(reference, counted, place, learnt), aligned, place, learnt, drive)
+
+
+def _averaged(
+    reference: ReferenceMap,
+    counted: Descriptors,
+    place: npt.NDArray[np.int64],
+    learnt: npt.NDArray[np.bool_],
+) -> ReferenceMap:
+    """Return a map with the codes of a drive averaged into those of the places that it shows."""
+    before = _learnt_before(reference)
+    weight = np.minimum(before.drives, MOST_DRIVES).astype(np.int64)
     code, initial = reference.contrast_code, reference.mean
     if code is None or initial is None:
         fine = reference.coded(counted).counts.astype(np.int64) << FRACTION_BITS
@@ -147,16 +161,13 @@ def learn_drive(
         windows = replace(windows, counted=reference.counted_events(windows))
         own = drive_mean(windows, code, reference.mean_activity)
         fine = code.fine(counted.counts, own)
-    seen = _mean_by_place(fine, place, len(reference))
-    before = _learnt_before(reference)
-    weight = np.minimum(before.drives, MOST_DRIVES).astype(np.int64)
-    total = before.mean.astype(np.int64) * weight[:, None] + seen
-    averaged = _rounded(total, weight[:, None] + 1)
-    mean = np.where(learnt[:, None], averaged, before.mean).astype(np.int32)
-    if code is not None and initial is not None:
         most = int(weight.max())
         both = initial.astype(np.int64) * most + own
         initial = _rounded(both, most + 1).astype(np.int32)
+    seen = _mean_by_place(fine, place, len(reference))
+    total = before.mean.astype(np.int64) * weight[:, None] + seen
+    averaged = _rounded(total, weight[:, None] + 1)
+    mean = np.where(learnt[:, None], averaged, before.mean).astype(np.int32)
     places = reference.places
     # as many events as in a drive that is as bright and as fast as the reference
     events = reference.counted_events(counted)
@@ -165,7 +176,7 @@ def learn_drive(
     events = _mean_by_place(scaled, place, len(places))
     activity = _rounded(places.counted_events * weight + events, weight + 1)
     codes = (mean + (1 << (FRACTION_BITS - 1))) >> FRACTION_BITS
-    updated = replace(
+    return replace(
         reference,
         places=replace(
             places,
@@ -176,17 +187,6 @@ def learn_drive(
         learnt_mean=mean,
         drives=np.minimum(before.drives + learnt, MOST_DRIVES).astype(np.uint8),
         confidence=None,
-    )
-    return MapUpdate(
-        updated,
-        aligned,
-        place,
-        learnt,
-        Drive.of_windows(
-            counted.take(slice(None, None, reference.settings.window_parts)),
-            reference.pixel_map.sensor,
-            track=track,
-        ),
     )
 
 
