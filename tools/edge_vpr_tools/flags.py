@@ -332,14 +332,14 @@ def add_json_flag(group: argparse._ActionsContainer, what: str) -> None:
 
 
 def add_figures_flag(group: argparse._ActionsContainer, default: str) -> None:
-    """Add the flag that `figure_formats` reads."""
+    """Add the flag of the formats of figures."""
     group.add_argument(
-        "--figures", metavar="FORMATS", default=default,
+        "--figures", metavar="FORMATS", type=_formats, default=default,
         help="formats of the figures: png, pdf, svg, or several separated by commas",
     )  # fmt: skip
 
 
-def figure_formats(text: str) -> tuple[str, ...]:
+def _formats(text: str) -> tuple[str, ...]:
     """Read names of formats that are separated by commas, each once."""
     names = tuple(dict.fromkeys(name.strip().lower() for name in text.split(",")))
     for name in names:

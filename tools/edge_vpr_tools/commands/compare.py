@@ -6,11 +6,7 @@ import argparse
 from pathlib import Path
 
 from edge_vpr_tools.console import note, number_of, summary
-from edge_vpr_tools.flags import (
-    add_figures_flag,
-    add_output_flags,
-    figure_formats,
-)
+from edge_vpr_tools.flags import add_figures_flag, add_output_flags
 from edge_vpr_tools.sweep import MEASURES
 
 EXAMPLES = """\
@@ -48,7 +44,7 @@ def run(args: argparse.Namespace) -> None:
         write_comparison,
     )
 
-    runs, formats = [Path(run) for run in args.runs], figure_formats(args.figures)
+    runs = [Path(run) for run in args.runs]
     output = None if args.output is None else Path(args.output)
     if output is not None:
         results.check_output_folder(output, args.overwrite, runs)
@@ -57,7 +53,7 @@ def run(args: argparse.Namespace) -> None:
     show(rows)
     if output is not None:
         with results.results_folder(output, args.overwrite) as folder:
-            means = write_comparison(folder, rows, formats, measure)
+            means = write_comparison(folder, rows, args.figures, measure)
         if lacks_intervals(means):
             note(
                 f"means have no intervals: these need {LEAST} pairs of drives, or {LEAST} seeds of "

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 from edge_vpr.errors import UsageError
 from edge_vpr.run_log import warnings_so_far
 from edge_vpr_tools.console import print_facts, summary, table
-from edge_vpr_tools.flags import add_figures_flag, add_gap_flag, add_json_flag, figure_formats
+from edge_vpr_tools.flags import add_figures_flag, add_gap_flag, add_json_flag
 
 if TYPE_CHECKING:
     from edge_vpr.evaluation.ground_truth import GroundTruth
@@ -112,7 +112,7 @@ def run(args: argparse.Namespace) -> None:
         truth_of,
     )
 
-    folder, formats = Path(args.results), figure_formats(args.figures)
+    folder = Path(args.results)
     tolerances, in_seconds = parse_tolerances(args.tolerance)
     first, *others = tolerances or (None,)
     files = TruthFiles(
@@ -151,7 +151,7 @@ def run(args: argparse.Namespace) -> None:
     if route is None and truth.tracks is not None:
         route = with_positions(reference, truth.tracks[0]).route
     write_report(
-        folder, result, outcome, formats,
+        folder, result, outcome, args.figures,
         route=route, warnings=warnings_so_far(), tolerances=by_tolerance,
     )  # fmt: skip
     write_json(folder / results.METRICS, metrics)

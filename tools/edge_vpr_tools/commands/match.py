@@ -25,7 +25,6 @@ from edge_vpr_tools.flags import (
     add_output_flags,
     add_reading_arguments,
     add_window_argument,
-    figure_formats,
     with_match_flags,
 )
 
@@ -103,7 +102,6 @@ def run(args: argparse.Namespace) -> None:
     output = Path(args.output)
     inputs = list(filter(None, (args.map, args.recording, args.odometry)))
     results.check_output_folder(output, args.overwrite, inputs)
-    formats = figure_formats(args.figures)
     matrix = None if args.matrix is None else Path(args.matrix)
     if matrix is not None:
         _check_matrix(matrix, inputs, args)
@@ -147,7 +145,7 @@ def run(args: argparse.Namespace) -> None:
         if not args.no_figures:
             from edge_vpr_tools.report.traverse import write_report
 
-            write_report(folder, result, outcome, formats, remarks=remarks)
+            write_report(folder, result, outcome, args.figures, remarks=remarks)
     if args.json:
         print(results.json_text({} if metrics is None else metrics))
     summary(f"{output}: {outcome.sentence}")
