@@ -556,17 +556,6 @@ def test_a_real_cameras_words_are_read_beyond_a_real_wrap_by_their_layout(shared
     assert (decoder.health.wraps, decoder.health.clock_resets) == (1, 0)
 
 
-def test_clocks_that_jump_by_half_their_range_are_counted_and_nothing_else_suffers():
-    events = dense(4_000)
-    for device, bit in {"edvs:format=E4": 31, "evt2": 33, "aer:layout=jaer8": 31}.items():
-        jumping = events.copy()
-        jumping.t[500::2] += 1 << bit
-        arrived, health = received(device, encoded(device, jumping))
-        assert (np.diff(arrived["t"]) >= 0).all()
-        assert arrived.size >= 500
-        assert health.leaps + health.skipped_bytes > 1_000
-
-
 def test_an_evpr_frame_without_an_end_is_given_up_at_the_greatest_length():
     decoder = open_decoder("evpr", SENSOR)
     events = dense(100)

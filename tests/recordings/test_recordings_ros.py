@@ -12,7 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from edge_vpr.errors import RecordingError, UsageError
-from edge_vpr.events import Sensor, join_events, make_events
+from edge_vpr.events import Sensor, join_events
 from edge_vpr.recordings import open_recording
 from edge_vpr.recordings.rosbag import Cursor, LibcaerCmpDecoder, read_event_array, read_preamble
 from tests.recordings import recording_files as files
@@ -49,14 +49,6 @@ def test_event_arrays_of_both_ros_are_read_with_their_wall_clock(ros, chunk, tmp
     assert (recording.sensor, recording.start_us) == (SENSOR, START)
     assert recording.format == f"rosbag{ros}"
     assert recording.position == 1.0
-
-
-def test_event_arrays_of_ros1_are_what_eventcv_reads(tmp_path):
-    eventcv = pytest.importorskip("eventcv")
-    files.write_bag(tmp_path / "a.bag", 1, [("/dvs/events", data) for data in arrays(EVENTS, 1)])
-    x, y, t, p = eventcv.load(str(tmp_path / "a.bag"), topic="/dvs/events").numpy().T
-    events, _ = absolute(tmp_path / "a.bag")
-    assert np.array_equal(make_events(t, x, y, p), events)
 
 
 @pytest.mark.parametrize("ros", [1, 2])

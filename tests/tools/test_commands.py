@@ -226,15 +226,11 @@ def test_matches_event_by_event_are_evaluated_by_the_same_command(
 
 
 def test_a_matrix_is_declared_by_its_rows_whatever_its_file(results, tmp_path, run, refused):
-    matrix = np.eye(19, dtype=np.uint8)
-    np.save(tmp_path / "truth.npy", matrix)
-    np.savetxt(tmp_path / "truth.csv", matrix, fmt="%d", delimiter=",")
-    evaluations = []
-    for name in ("truth.npy", "truth.csv"):
-        words = ["evaluate", results, "--ground-truth", tmp_path / name]
-        assert "P@100R" in run(*words, "--rows", "reference").out
-        evaluations.append(json.loads((results / "metrics.json").read_text())["evaluation"])
-    assert evaluations[0] == evaluations[1] and evaluations[0]["queries"] == 18
+    """A table could be tracks or an alignment too."""
+    np.savetxt(tmp_path / "truth.csv", np.eye(19), fmt="%d", delimiter=",")
+    words = ["evaluate", results, "--ground-truth", tmp_path / "truth.csv"]
+    assert "P@100R" in run(*words, "--rows", "reference").out
+    assert json.loads((results / "metrics.json").read_text())["evaluation"]["queries"] == 18
     assert (results / "precision_recall.svg").is_file()
     assert "or of a matrix --rows" in refused(*words)
     assert "and of a matrix its --rows" in refused(*words, "--tolerance", 1, code=1)
@@ -267,17 +263,14 @@ def test_calibrating_says_what_it_learnt_from(drive, run, refused, tmp_path):
     mapped, track = tmp_path / "map.npz", tmp_path / "track.csv"
     run("map", drive / "reference.npz", "-o", mapped, *FEW)
     line_track(track, 3, 30)
-    for every in ("window", "50ms"):
-        folder = tmp_path / every
-        match = ["match", mapped, drive / "query.npz", "--no-figures", "--online"]
-        run(*match, "--every", every, "-o", folder)
-        assert f"run edge-vpr evaluate {folder} first" in refused("calibrate", folder)
-        truth = ["--ground-truth", track, track, "--tolerance", 5, "--offset", 0, 0]
-        run("evaluate", folder, *truth)
-        said = run("calibrate", folder, "-o", f"{folder}.npz").out
-        assert re.search(r"from \d+ matches, \d+ of them correct and 0 off the map", said)
+    folder, metrics = tmp_path / "results", tmp_path / "results/metrics.json"
+    run("match", mapped, drive / "query.npz", "--no-figures", "--online", "-o", folder)
+    assert f"run edge-vpr evaluate {folder} first" in refused("calibrate", folder)
+    run("evaluate", folder, "--ground-truth", track, track, "--tolerance", 5, "--offset", 0, 0)
+    said = run("calibrate", folder, "-o", tmp_path / "learnt.npz").out
+    assert re.search(r"from \d+ matches, \d+ of them correct and 0 off the map", said)
     # a damaged file, or another truth than that of the evaluation, ends it before it saves
-    none, metrics = tmp_path / "none.npz", folder / "metrics.json"
+    none = tmp_path / "none.npz"
     whole = metrics.read_text()
     metrics.write_text("{")
     refused("calibrate", folder, "-o", none)
