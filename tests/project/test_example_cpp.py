@@ -13,12 +13,6 @@ import numpy as np
 import pytest
 from edge_vpr_tools.cli import main
 
-from edge_vpr.evaluation.tracks import with_positions
-from edge_vpr.reference_map import ReferenceMap
-from edge_vpr.settings import resolve_settings
-from edge_vpr.simulation import simulate_pair
-from tests.live.devices import sent_by
-
 CPP = Path(__file__).parents[2] / "examples" / "cpp"
 HEADER = (CPP / "edge_vpr_match.hpp").read_text()
 FIELDS = re.findall(r'\{"(\w+)", &Match', HEADER)
@@ -63,16 +57,12 @@ def printer(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(scope="module")
-def rows(tmp_path_factory: pytest.TempPathFactory) -> list[bytes]:
+def rows(street: Path, tmp_path_factory: pytest.TempPathFactory) -> list[bytes]:
     """All rows of a run on a map with positions."""
-    folder = tmp_path_factory.mktemp("rows")
-    first, _ = simulate_pair(seed=0, length_m=30.0)
-    settings = resolve_settings("default", flags={"tau_us": 250_000})
-    with_positions(ReferenceMap.build(first, settings), first.track).save(folder / "map.npz")
-    (folder / "sent.bin").write_bytes(sent_by(first, first.sensor))
-    words = ["--port", folder / "sent.bin", "--protocol", "evpr", "--map", folder / "map.npz"]
-    assert main(["stream", *map(str, words), "--log", str(folder / "run.jsonl")]) == 0
-    return (folder / "run.jsonl").read_bytes().splitlines()
+    log = tmp_path_factory.mktemp("rows") / "run.jsonl"
+    words = ["--port", street / "sent.bin", "--protocol", "evpr", "--map", street / "map.npz"]
+    assert main(["stream", *map(str, words), "--log", str(log)]) == 0
+    return log.read_bytes().splitlines()
 
 
 def read(program: Path, lines: list[bytes]) -> list[Any]:

@@ -18,10 +18,7 @@ import pytest
 from edge_vpr_tools.estimate.of_map import design_of, memories_of
 
 from edge_vpr import __version__
-from edge_vpr.evaluation.tracks import with_positions
 from edge_vpr.reference_map import ReferenceMap
-from edge_vpr.settings import resolve_settings
-from edge_vpr.simulation import simulate_pair
 from firmware_model import Design
 from firmware_model.emulation.build import EMULATED, build
 from firmware_model.emulation.emulator import Emulator
@@ -31,23 +28,10 @@ from firmware_model.vectors import Case, in_order, records, to_binary
 from firmware_model.vectors.formats import case_header
 from firmware_model.vectors.random_cases import random_memories
 from tests.firmware_model.designs import random_stream
-from tests.live.devices import sent_by
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 M4 = EXAMPLES / "firmware-m4"
 DESIGN = Design(width=64, height=48, pixels=25, places=40, length=4, code_bits=3)
-
-
-@pytest.fixture(scope="module")
-def street(tmp_path_factory):
-    """A map with positions, and the drive it was made of as bytes, which it surely knows."""
-    folder = tmp_path_factory.mktemp("street")
-    first, _ = simulate_pair(seed=0, length_m=60.0)
-    settings = resolve_settings("default", flags={"tau_us": 250_000})
-    reference = with_positions(ReferenceMap.build(first, settings), first.track)
-    reference.save(folder / "map.npz")
-    (folder / "sent.bin").write_bytes(sent_by(first, first.sensor))
-    return folder
 
 
 @pytest.fixture(scope="module")
