@@ -152,21 +152,6 @@ class Sampler:
             self.error = error
 
 
-def typical_s(windows: Sequence[Window]) -> float:
-    """Return the median length of windows."""
-    return float(np.median([window.end_s - window.start_s for window in windows]))
-
-
-def too_slow(period_s: float, window_s: float) -> str:
-    """Say that a meter reads too seldom for the windows, if it does."""
-    if round(window_s / period_s) >= _LEAST_TRACE_SAMPLES:
-        return ""
-    return (
-        f"the meter reads every {period_s:g} s, and windows are of {window_s:g} s: take windows of "
-        f"{_LEAST_QUICK_SAMPLES * period_s:g} s or more (--window-s)"
-    )
-
-
 # Statistics of pairs of idle and load periods: median, interval, and whether it is resolved.
 
 
@@ -400,9 +385,12 @@ def analyse(trace: Trace, windows: Sequence[Window], about: About) -> Energy:
     SensorError
         If the meter reads too seldom for the windows.
     """
-    window_s = typical_s(windows)
-    if slow := too_slow(about.period_s, window_s):
-        raise SensorError(slow)
+    window_s = float(np.median([window.end_s - window.start_s for window in windows]))
+    if round(window_s / about.period_s) < _LEAST_TRACE_SAMPLES:
+        raise SensorError(
+            f"the meter reads every {about.period_s:g} s, and windows are of {window_s:g} s: take "
+            f"windows of {_LEAST_QUICK_SAMPLES * about.period_s:g} s or more (--window-s)"
+        )
     # each two consecutive windows are a pair, in either order
     windows = [powered(trace, window) for window in windows]
     loads = [window for window in windows if window.load]
