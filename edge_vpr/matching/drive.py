@@ -15,7 +15,7 @@ from edge_vpr.descriptors.windows import Descriptors
 from edge_vpr.errors import MapError, UsageError, expect
 from edge_vpr.matching.distances import BLOCK_DISTANCES, ReferenceIndex
 from edge_vpr.matching.match import MATCH_DTYPE
-from edge_vpr.matching.matches import CANDIDATES, Matches
+from edge_vpr.matching.matches import Matches
 from edge_vpr.matching.place_filter import PlaceFilter, WindowRows, best
 from edge_vpr.matching.prediction import (
     LANES,
@@ -29,7 +29,7 @@ from edge_vpr.matching.prediction import (
     odometry_of_sequences,
     subtract_least,
 )
-from edge_vpr.matching.search import nearest_places
+from edge_vpr.matching.search import CANDIDATES, nearest_places
 from edge_vpr.matching.sequences import match_by_sequences, sequence_distances
 from edge_vpr.matching.trust import (
     TRUST_FRACTION_BITS,

@@ -22,9 +22,6 @@ if TYPE_CHECKING:
     import pandas
 
 
-#: largest number of nearest places of a query that are kept, for Recall@N
-CANDIDATES = 25
-
 # The matches of a query traverse: best and second-best place of each query window.
 
 

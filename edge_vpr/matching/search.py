@@ -9,9 +9,10 @@ import numpy.typing as npt
 
 from edge_vpr.compiling import kernel
 from edge_vpr.errors import UsageError
-from edge_vpr.matching.matches import CANDIDATES
 
 Values = npt.NDArray[Any]
+#: largest number of nearest places of a query that are kept, for Recall@N
+CANDIDATES = 25
 
 
 @kernel(inline="always")

@@ -13,7 +13,7 @@ from edge_vpr.evaluation.metrics import evaluate
 from edge_vpr.evaluation.tracks import Track
 from edge_vpr.matching import sequences
 from edge_vpr.matching.drive import match_descriptors
-from edge_vpr.matching.matches import CANDIDATES
+from edge_vpr.matching.search import CANDIDATES
 from edge_vpr.settings import Settings
 from tests import naive
 from tests.maps import saved_files
