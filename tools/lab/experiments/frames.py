@@ -5,14 +5,13 @@ Frames are taken at the centres of the windows of events, so that both show the 
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 from edge_vpr_tools.sweep.trial import fastest
 
 from edge_vpr.errors import UsageError
@@ -20,8 +19,9 @@ from edge_vpr.evaluation.metrics import evaluate
 from edge_vpr.settings import PRESETS
 from edge_vpr.simulation import simulate_pair
 from lab.baselines import Baseline, compare, open_baseline
+from lab.baselines.baseline import Images
 from lab.baselines.selected_pixels import SelectedPixels
-from lab.datasets import PublishedPair, published_pairs
+from lab.datasets import PublishedDrive, PublishedPair, published_pairs
 from lab.drives import LENGTH_M
 from lab.intensity import BagImages, frames_at, simulated_images
 from lab.loop import Draw, Drives, Experiment, Row
@@ -30,6 +30,7 @@ from lab.pairs import (
     CountedDrive,
     CountedPair,
     Pair,
+    Times,
     truths_of_tracks,
 )
 
@@ -43,28 +44,28 @@ class FramedPair(NamedTuple):
     frames: CountedPair
 
 
+def framed(
+    events: CountedPair, drives: Iterable[Any], images_at: Callable[[Any, Times], Images]
+) -> FramedPair:
+    """Return a pair with the images of both drives at the centres of its windows."""
+    reference, query = (
+        CountedDrive(images_at(drive, counted.centre_us), counted.centre_us)
+        for drive, counted in zip(drives, (events.reference, events.query), strict=True)
+    )
+    return FramedPair(events, replace(events, reference=reference, query=query))
+
+
 def published_frames(pair: PublishedPair) -> FramedPair:
     """Count the drives of two published bags, and take the frames that the same camera recorded."""
-    reference, query = drives = (pair.reference, pair.query)
+
+    def images_at(drive: PublishedDrive, centre_us: Times) -> Images:
+        start_us = drive.recording.start_us
+        return frames_at(BagImages(drive.path), centre_us, SETTINGS.tau_us // 2, start_us)
+
+    reference, query = pair.reference, pair.query
     truths = truths_of_tracks(reference.track, query.track, pair.tolerance_m)
     events = Pair(pair.name, reference.recording, query.recording, SETTINGS, truths).counted()
-    counted = (events.reference, events.query)
-    images = [
-        frames_at(
-            BagImages(drive.path), one.centre_us, SETTINGS.tau_us // 2, drive.recording.start_us
-        )
-        for drive, one in zip(drives, counted, strict=True)
-    ]
-    return framed(events, images)
-
-
-def framed(events: CountedPair, images: Iterable[npt.NDArray[np.uint8]]) -> FramedPair:
-    """Return a pair with the images at the centres of its windows, of the reference and query."""
-    first, second = (
-        CountedDrive(each, counted.centre_us)
-        for each, counted in zip(images, (events.reference, events.query), strict=True)
-    )
-    return FramedPair(events, replace(events, reference=first, query=second))
+    return framed(events, (reference, query), images_at)
 
 
 #: strategies for choosing pixels, by the name in the table
@@ -78,13 +79,7 @@ def simulated_frames(seed: int) -> FramedPair:
     """Simulate the pair of this seed, and take a frame at the centre of each window."""
     drives = tuple(drive.keep() for drive in simulate_pair(seed, length_m=LENGTH_M))
     events = Pair.simulated(*drives).counted(window="count")
-    rng = np.random.default_rng(seed)
-    counted = (events.reference, events.query)
-    images = [
-        simulated_images(drive, one.centre_us, rng)
-        for drive, one in zip(drives, counted, strict=True)
-    ]
-    return framed(events, images)
+    return framed(events, drives, partial(simulated_images, rng=np.random.default_rng(seed)))
 
 
 def systems(draw: Draw) -> Iterator[tuple[str, Baseline]]:
