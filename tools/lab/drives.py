@@ -368,25 +368,18 @@ def _declared(
     ]
 
 
-def recorded_drives(data: Path | None, *, images: bool = False) -> list[Drives]:
-    """Return the recorded pairs of a folder, each with some numbers of pixels.
-
-    Parameters
-    ----------
-    images : bool
-        Leave out those of which only some pixels were published.
-    """
+def recorded_drives(
+    data: Path | None, wanted: Callable[[Pair], bool] = lambda pair: True
+) -> list[Drives]:
+    """Return the recorded pairs of a folder that are wanted, each with some numbers of pixels."""
     check_data(data)
     assert data is not None
-    pairs = [pair for pair in _pairs(data) if pair.has_images or not images]
-    return _declared(pairs, named=lambda pair: pair.name)
+    return _declared(list(filter(wanted, _pairs(data))), named=lambda pair: pair.name)
 
 
 def fullest_drives(data: Path | None) -> list[Drives]:
     """Return the recorded pairs; where only some pixels were published, with all of these."""
-    with_images = {each.name for each in recorded_drives(data, images=True)}
-    every = recorded_drives(data)
-    return [each for each in every if each.name in with_images or not each.drawn]
+    return recorded_drives(data, lambda pair: pair.has_images or not pair.drawn)
 
 
 def counted_drives(data: Path | None) -> list[Drives]:

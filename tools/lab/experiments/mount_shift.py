@@ -134,7 +134,7 @@ OFF = "shift estimated wrongly by (pixels)"
 
 def drives(data: Path | None) -> list[Drives]:
     """Return the recorded pairs whose images can be shifted."""
-    pairs = recorded_drives(data, images=True)
+    pairs = recorded_drives(data, lambda pair: pair.has_images)
     if not pairs:
         raise UsageError(
             f"no drive with counts at every pixel: {without_pairs(data, [INDOOR, WALKS])}"
