@@ -216,9 +216,9 @@ def test_a_film_of_the_demo_shows_the_truth(tmp_path, monkeypatch, run):
     monkeypatch.chdir(tmp_path)
     street = partial(simulate_pair, sensor="tiny", length_m=60.0)
     monkeypatch.setattr("edge_vpr.simulation.simulate_pair", street)
-    run("demo", "-o", "demo")
-    run("replay", "demo", "-o", "all.gif", "--all-events", "--frames", 2)
-    folder = Path("demo")
+    folder = Path("demo[red]")
+    assert "See demo[red]/report.html" in run("demo", "-o", folder).out
+    run("replay", folder, "-o", "all.gif", "--all-events", "--frames", 2)
     result = MatchResult.load(folder)
     film = replay_of(result, None, None, 10, truth=evaluated_truth(folder))
     assert np.isfinite(film.true.query).all()

@@ -287,9 +287,9 @@ def table(
     _console(width).print(shown)
 
 
-def say(text: str, *, width: int = WIDTH, markup: bool = False) -> None:
-    """Print a paragraph, see `table`; use `markup` only for texts without words from a file."""
-    _console(width).print(text if markup else _plain(text), highlight=False)
+def say(text: str, *, width: int = WIDTH) -> None:
+    """Print a paragraph, see `table`."""
+    _console(width).print(_plain(text))
 
 
 def _plain(text: str) -> Text:

@@ -87,9 +87,9 @@ def run(args: argparse.Namespace) -> None:
         "The second drive goes at half to double the first one's speed, in another light.",
         "P@100R: share of correct matches when every window is matched; R@99P: recall at 99 % "
         f"precision, by a threshold that the truth chose; correct is within {_TOLERANCE_M:g} m.",
-        f"{outcome_of(result.reference, result.matches, judged).sentence}",
+        outcome_of(result.reference, result.matches, judged).sentence,
         "One street of one seed; docs/results/simulated.csv has ten variants on five.",
         f"See {output / results.REPORT}; as a film: edge-vpr replay {quote(str(output))} "
         "-o match.gif",
     ):
-        say(line, width=_WIDTH, markup=True)
+        say(line, width=_WIDTH)
