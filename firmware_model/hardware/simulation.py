@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import contextlib
 import re
+import resource
 import signal
 import subprocess
 from collections.abc import Iterator, Sequence
@@ -218,7 +219,5 @@ def _run(command: Sequence[str], folder: Path | None = None, seconds: int | None
 
 def _limit(process: int, seconds: int) -> None:
     """Limit the processor time of a process, so that a busy computer does not cause a fault."""
-    import resource  # not available on Windows
-
     with contextlib.suppress(ProcessLookupError):  # it has ended
         resource.prlimit(process, resource.RLIMIT_CPU, (seconds, seconds + 1))

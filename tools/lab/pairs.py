@@ -57,11 +57,6 @@ def truths_of_tracks(reference: Track, query: Track, *metres: float) -> Truths:
     return {f"{each:g} m": truth_of_tracks(reference, query, each) for each in metres}
 
 
-def truth_of_pair(reference: SimulatedRecording, query: SimulatedRecording) -> TruthOf:
-    """Return the ground truth of a simulated pair, by the positions along the route."""
-    return truth_of_tracks(reference.track, query.track, TOLERANCE_M)
-
-
 #: column of the share of windows matched correctly, of those that every row of a table matches;
 #: ``P@100R`` is the share of all windows that a row matches, as `edge-vpr evaluate` prints it
 INNER = "P@100R (inner windows)"

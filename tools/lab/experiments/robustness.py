@@ -31,7 +31,7 @@ from edge_vpr.simulation.drive import QUERY, REFERENCE, wheel_odometry
 from lab.drives import STREETS, second_drive
 from lab.first_matches import first_matches
 from lab.loop import Draw, Drives, Experiment, Row
-from lab.pairs import MappedPair, rates, truth_of_pair
+from lab.pairs import MappedPair, Pair, rates
 from lab.tables import TableView
 
 FIRST_SEED = 10
@@ -141,7 +141,8 @@ def troubled(seed: int) -> Iterator[Trouble]:
     route = ReferenceMap.build(reference.keep(), _settings(seed))
     for name, second in STREETS.items():
         drive = second_drive(query, second)
-        pair = MappedPair.of(route, drive, truth_of_pair(reference, drive))
+        truth_of = Pair.simulated(reference, drive).truth_of
+        pair = MappedPair.of(route, drive, truth_of)
         yield Trouble(name.removeprefix("street, "), [pair])
         if name == "street":
             counts = pair.counted.counts.astype(np.int64)
@@ -159,7 +160,6 @@ def troubled(seed: int) -> Iterator[Trouble]:
             }.items():
                 source = opened(sent, sensor=drive.sensor)
                 assert isinstance(source, EventSource)
-                truth_of = truth_of_pair(reference, drive)
                 yield Trouble(fault, [MappedPair.of(route, source, truth_of)])
     yield from _slowly(seed)
     away = [MappedPair.of(route, simulate_pair(other)[1], _nowhere) for other in ELSEWHERE]
@@ -180,7 +180,7 @@ def _slowly(seed: int) -> Iterator[Trouble]:
     settings = _settings(seed)
     for name in ("walking pace", "walking pace, --tau auto"):
         route = ReferenceMap.build(reference.keep(), settings, track=reference.track)
-        pair = MappedPair.of(route, query.keep(), truth_of_pair(reference, query))
+        pair = MappedPair.of(route, query.keep(), Pair.simulated(reference, query).truth_of)
         yield Trouble(name, [pair])
         yield Trouble(f"{name}, odometry", [pair], wheel)
         settings = settings.replaced({"tau_us": fitting_window(route)[0]}, "robustness")
