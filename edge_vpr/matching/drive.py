@@ -248,9 +248,13 @@ def _smooth(drive: _Drive, filtered: FilteredDrive) -> None:
         rows = drive.advance(begin, end)
         add_cost_to_go(
             cost_to_go, place_filter.transitions, rows, drive.travelled[begin:end],
-            drive.unseen[begin:end], residual[begin:end],
+            drive.unseen[begin:end],
         )  # fmt: skip
-        place[begin:end], informative[begin:end] = rows.best[:, 0], rows.factor[:, 0] > 0
+        place[begin:end], gain = rows.best.T
+        at = np.arange(end - begin)
+        of_sum = rows.sums[at, gain]
+        residual[begin:end] = rows.evidence[at, of_sum, place[begin:end]]
+        informative[begin:end] = rows.factor[at, of_sum] > 0
         for first in range(0, end - begin, drive.block):
             filtered.put(begin + first, rows.part(first, min(first + drive.block, end - begin)))
         del rows  # or two segments would be in memory while the next one is computed
@@ -272,13 +276,12 @@ def add_cost_to_go(
     rows: WindowRows,
     travelled: Sequence[Travelled],
     unseen: Sequence[int],
-    residual: npt.NDArray[np.int64],
 ) -> None:
     """Add the cost to go to the metrics of n windows, backwards over gaps and driven distances.
 
     Parameters
     ----------
-    cost_to_go, rows, residual
+    cost_to_go, rows
         See `smooth_windows`, which updates them.
     travelled : sequence of int or None
         Driven distance of each window.
@@ -287,9 +290,7 @@ def add_cost_to_go(
     """
     table, next_cost_to_go = transitions.table, np.empty_like(cost_to_go)
     for first, last in reversed(list(runs(travelled, unseen, len(travelled)))):
-        smooth_windows(
-            cost_to_go, next_cost_to_go, table, rows.part(first, last), residual[first:last]
-        )
+        smooth_windows(cost_to_go, next_cost_to_go, table, rows.part(first, last))
         distance = travelled[first]
         if distance is not None:  # every gain leads to every gain
             least = next_cost_to_go[:, : table.gains.size].min(axis=1).astype(np.int32)
@@ -304,7 +305,6 @@ def smooth_windows(
     next_cost_to_go: Narrow,
     table: FilterTable,
     rows: WindowRows,
-    residual: npt.NDArray[np.int64],
 ) -> None:
     """Add the cost to go to the metrics of n windows, backwards from the last window.
 
@@ -319,10 +319,7 @@ def smooth_windows(
     rows : WindowRows
         Updated in place: `least` becomes the least cost of the whole paths through each place, and
         `matches` and `best` the matches by it, with the margin as trust, in units of 1/16 of a
-        metric, and `window_misfit` as misfit. `factor` becomes that of the matched hypothesis in
-        its first column.
-    residual : ndarray of int64, shape (n,)
-        Output: the evidence against each best place.
+        metric, and `window_misfit` as misfit.
     """
     hypotheses = table.gains.size
     for i in range(len(rows.matches) - 1, -1, -1):
@@ -332,8 +329,8 @@ def smooth_windows(
             whole[j] += to_go[j]
         place, gain, margin = best(metric, table, rows.least[i], row)
         against, factor = rows.evidence[i, sums[gain]], rows.factor[i, sums[gain]]
-        rows.best[i, 0], rows.best[i, 1], rows.factor[i, 0] = place, gain, factor
-        residual[i], row["trust"] = against[place], margin << TRUST_FRACTION_BITS
+        rows.best[i, 0], rows.best[i, 1] = place, gain
+        row["trust"] = margin << TRUST_FRACTION_BITS
         row["misfit"] = window_misfit(against, place, table.typical, factor, rows.share[i])
         for h in range(LANES):
             for k in range(len(metric)):

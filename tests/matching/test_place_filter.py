@@ -222,13 +222,13 @@ def test_the_cost_of_whole_paths_over_gains_equals_the_oracle(
             place_filter.predict_travelled(counted_mm[w], driven[w])
         done.append(place_filter.update_windows(row[None], events[w : w + 1].astype(np.int64)))
     results = WindowRows(*(np.concatenate(column) for column in zip(*done, strict=True)))
-    residual = np.empty(windows, dtype=np.int64)
     to_go = np.zeros((places, LANES), dtype=np.int16)
-    add_cost_to_go(to_go, transitions, results, counted_mm, [0] * windows, residual)
+    add_cost_to_go(to_go, transitions, results, counted_mm, [0] * windows)
     for w, (one, costs_of_paths) in enumerate(smoothed(page, rows)):
         assert results.best[w].tolist() == [one.place, one.gain]
         assert results.matches["place"][w] == one.told
-        assert residual[w] == rows[w].evidence(one.gain)[one.place]
+        of_sum = results.sums[w, one.gain]
+        assert results.evidence[w, of_sum, one.place] == rows[w].evidence(one.gain)[one.place]
         least = [min(column) for column in zip(*costs_of_paths, strict=True)]
         assert results.least[w].tolist() == least
 
