@@ -111,6 +111,12 @@ WRONG_USE = [
     (f"{STREAM} --sensor 4x4 --baud 0", 2, "expected the speed of a serial port"),
     (f"{STREAM} --map map.npz --counter-bits 4", 2, "--counter-bits belongs to making a map"),
     ("sweep a.toml -o {t}/out.csv --workers 2 --scheduler tcp://x:1", 2, "not allowed with"),
+    ("profile --map a.npz", 2, "belong together"),
+    ("profile --pairs 2", 2, "5 pairs"),
+    ("profile --window-s 3", 2, "--quick"),
+    ("profile --window-s 0", 2, "0 s"),
+    ("profile compare a.json", 2, "required: B"),
+    ("profile compare a.json b.json", 2, "cannot read a profile"),
     *((f"estimate --fit {wrong}", 2, "expected memory, such as 64KiB")
       for wrong in ("10", "0KiB", "'3 apples'", "5mW", "rom=3KiB")),
     ("estimate --fit 512KiB --fit 128KiB", 2, "one limit each of flash, RAM, and both together"),

@@ -903,19 +903,6 @@ def test_the_page_names_every_key():
     assert [key for key in sorted(keys) if not re.search(rf"`(energy\.)?{key}`", page)] == []
 
 
-@pytest.mark.parametrize(
-    ("arguments", "says"),
-    [
-        (["--map", "a.npz"], "belong together"),
-        (["--pairs", "2"], "5 pairs"),
-        (["--window-s", "3"], "--quick"),
-        (["--window-s", "0"], "0 s"),
-        (["--shunt-mohm", "100"], "no power monitor"),
-        (["compare", "a.json"], "required: B"),
-        (["compare", "a.json", "b.json"], "cannot read a profile"),
-    ],
-)
-def test_bad_use_is_one_line(refused, arguments, says, tmp_path, monkeypatch):
-    """What was wrong, with which value, and what to do."""
+def test_a_shunt_is_of_a_power_monitor(refused, tmp_path, monkeypatch):
     monkeypatch.setattr(ROOT, tmp_path)
-    assert says in refused("profile", *arguments)
+    assert "no power monitor" in refused("profile", "--shunt-mohm", "100")
