@@ -211,7 +211,7 @@ def test_an_evpr_device_that_forgets_to_change_its_boot_number_is_followed():
     ],
 )
 def test_hostile_bytes_take_bounded_memory_and_time_in_proportion(host, hostile):
-    size = 1 << (12 if PLAIN else 18)
+    size = 1 << (12 if PLAIN else 17)
     hostile *= size // len(hostile)
     decoder = open_decoder(host, SENSOR)
     open_decoder(host, SENSOR).feed(hostile[:4_096])  # compiles
