@@ -5,7 +5,8 @@ from __future__ import annotations
 import errno
 import os
 import pty
-from collections.abc import Callable
+import resource
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
@@ -74,6 +75,14 @@ def any_baud() -> None:
     finally:
         os.close(master)
         os.close(port)
+
+
+@pytest.fixture
+def files_end_at() -> Iterator[Callable[[int], None]]:
+    """Set the largest size of a file, beyond which a write fails as on a full disk."""
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    yield lambda size: resource.setrlimit(resource.RLIMIT_FSIZE, (size, hard))
+    resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
 
 
 @pytest.fixture

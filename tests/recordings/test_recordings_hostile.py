@@ -6,8 +6,6 @@ import bz2
 import io
 import os
 import re
-import resource
-import signal
 import struct
 import subprocess
 import sys
@@ -24,6 +22,7 @@ from edge_vpr.recordings import aedat, frames, open_recording, write_recording
 from edge_vpr.recordings.aedat import DecompressionError, expand
 from edge_vpr.recordings.reading import foreign_errors
 from tests.recordings import recording_files as files
+from tests.streams import random_events
 
 SENSOR = Sensor(40, 30)
 FUZZER = Path(__file__).with_name("fuzz_recordings.py")
@@ -398,49 +397,22 @@ def test_no_foreign_exception_passes_the_wall(error, words):
 
 # --- full disks -----------------------------------------------------------------------------
 
-FULL_DISK = """
-import sys, numpy as np
-from edge_vpr.errors import RecordingError
-from edge_vpr.events import Sensor, make_events
-from edge_vpr.recordings import write_recording
-rng = np.random.default_rng(0)
-def events():
-    for i in range(30):
-        t = np.arange(5000)
-        x, y, p = rng.integers(0, 30, (3, 5000))
-        yield make_events(t + 5000 * i, x, y, p % 2)
-source = events()
-try:
-    write_recording(sys.argv[1], source, sensor=Sensor(40, 30))
-except RecordingError as error:
-    print(error)
-    print(sum(1 for _ in source) > 0 or "at the end")
-"""
-
-
-def no_file_above(size):
-    def limit():
-        signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
-        resource.setrlimit(resource.RLIMIT_FSIZE, (size, size))
-
-    return limit
-
 
 @pytest.mark.parametrize("suffix", [".raw", ".csv", ".npz"])
 @pytest.mark.parametrize("size", [3_000, 30_000])
-def test_a_full_disk_is_one_line_and_leaves_nothing(suffix, size, tmp_path):
-    """A limit on a file's size, which fails as a full disk does: in the middle of a write."""
-    path = tmp_path / f"a{suffix}"
-    done = subprocess.run(
-        [sys.executable, "-c", FULL_DISK, path],
-        capture_output=True,
-        text=True,
-        preexec_fn=no_file_above(size),
-    )
-    assert (done.returncode, done.stderr) == (0, "")
-    message, rest = done.stdout.splitlines()
-    assert message.startswith(f"{path} cannot be written: ")
-    assert "File too large" in message
+def test_a_full_disk_is_one_line_and_leaves_nothing(suffix, size, tmp_path, files_end_at):
+    def drive():
+        for i in range(30):
+            events = random_events(np.random.default_rng(i), 5_000, SENSOR, 5_000)
+            events.t += 5_000 * i
+            yield events
+
+    path, source = tmp_path / f"a{suffix}", drive()
+    files_end_at(size)
+    with pytest.raises(RecordingError) as raised:
+        write_recording(path, source, sensor=SENSOR)
+    message = str(raised.value)
+    assert message.startswith(f"{path} cannot be written: ") and "File too large" in message
     assert "\n" not in message
-    assert rest == "True" or suffix == ".npz"
+    assert suffix == ".npz" or next(source, None) is not None  # a disk that is full ends the drive
     assert not list(tmp_path.iterdir())
