@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import importlib.util
 import io
 import json
 import signal
@@ -13,7 +12,6 @@ import sys
 import threading
 import time
 from concurrent.futures import ThreadPoolExecutor
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -34,10 +32,10 @@ from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.route import Route
 from edge_vpr.settings import Settings
 from tests.live.devices import play, rows_of, sent_by, wait_until
+from tests.live.fuzz_decoders import a_map
 from tests.streams import Drive, matched_live, random_events, records, split_events
 
 SENSOR = Sensor(64, 48)
-ROOT = Path(__file__).parents[2]
 
 
 @pytest.fixture(scope="module")
@@ -721,14 +719,6 @@ def test_a_line_of_status_comes_in_time_and_at_each_change(sent, capsys, monkeyp
     assert len(lines_after()) == 1
 
 
-def bench(name):
-    """Return a module of the benchmarks, which are no package."""
-    spec = importlib.util.spec_from_file_location(name, ROOT / "tools" / "bench" / f"{name}.py")
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
-
-
 def spells(rng, sensor, silence_s, end_us):
     """Events, and after each silence some more: fewer would not confirm how late it is."""
     now = 0
@@ -745,8 +735,8 @@ def spells(rng, sensor, silence_s, end_us):
 def test_a_while_of_silences_wraps_and_heartbeats_gives_the_matches_of_the_recording(
     protocol, silence_s, wraps
 ):
-    sensor, rng = Sensor(346, 260), np.random.default_rng(0)
-    reference = bench("soak").a_map(np.random.default_rng(1), sensor)
+    reference, rng = a_map(), np.random.default_rng(0)
+    sensor = reference.pixel_map.sensor
     every = MatchSchedule(events=50, interval_us=1_000_000)
     encoder, decoder = open_encoder(protocol, sensor), open_decoder(protocol, sensor)
     live = StreamMatcher(decoder, reference, every)
