@@ -3,3 +3,9 @@
 Modules that use this package import from its modules, so that another library of the same name
 cannot take its place.
 """
+
+from __future__ import annotations
+
+from fixedpoint.formats import FixedPointError, UnsignedFormat
+
+__all__ = ["FixedPointError", "UnsignedFormat"]
