@@ -11,6 +11,7 @@ from typing import Any, NamedTuple
 
 from edge_vpr.events import Events, Sensor
 from edge_vpr.live.bridge import Bridge, LineFaults, open_device_link
+from edge_vpr.live.links import Link
 from edge_vpr.live.protocols import open_encoder
 
 
@@ -61,6 +62,19 @@ def wait_until(condition: Callable[[], object], seconds: float = 30) -> None:
     while not condition():
         assert time.monotonic() < end
         time.sleep(0.001)
+
+
+def send_all(link: Link, data: bytes) -> None:
+    """Write all bytes to a link; fail if the other side takes them too slowly."""
+    end = time.monotonic() + 30
+    while data:
+        assert time.monotonic() < end
+        data = data[link.write(data, 0.5) :]
+
+
+def greeted(link: Link) -> None:
+    """Wait until the host has said that it is there."""
+    wait_until(lambda: link.read(0.1), 40)
 
 
 class Playing(NamedTuple):

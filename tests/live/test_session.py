@@ -35,7 +35,7 @@ from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.route import Route
 from edge_vpr.settings import Settings
 from edge_vpr.simulation import simulate_pair
-from tests.live.devices import DEVICES, play, sent_by
+from tests.live.devices import DEVICES, greeted, play, send_all, sent_by
 from tests.streams import Drive, matched_live, random_events, split_events
 
 ROOT = Path(__file__).parents[2]
@@ -423,10 +423,8 @@ def test_a_link_that_dies_and_returns_is_told_and_costs_what_was_sent_meanwhile(
         return device
 
     def send(data):
-        while not device.read(0.1):  # until the host says that it is there
-            pass
-        while data:
-            data = data[device.write(data, 1.0) :]
+        greeted(device)
+        send_all(device, data)
 
     device = plug_in()
     address = device.address if kind == "network" else port

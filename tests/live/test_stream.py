@@ -31,7 +31,7 @@ from edge_vpr.recordings import open_recording, write_recording
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.route import Route
 from edge_vpr.settings import Settings
-from tests.live.devices import play, rows_of, sent_by, wait_until
+from tests.live.devices import greeted, play, rows_of, send_all, sent_by, wait_until
 from tests.live.fuzz_decoders import a_map
 from tests.streams import Drive, matched_live, random_events, records, split_events
 
@@ -236,20 +236,20 @@ def test_a_host_that_is_held_up_goes_on_with_the_newest_and_says_what_is_gone(dr
         "--every", "event", "--max-lag", "100ms",
     )  # fmt: skip
     greeted(link)
-    sent_all(link, encoder.start())
+    send_all(link, encoder.start())
     for part in split_events(flood, 60):
-        sent_all(link, encoder.encode(part))
+        send_all(link, encoder.encode(part))
         time.sleep(0.005)
     out: list[str] = []
     reader = threading.Thread(target=lambda: out.extend(run.process.stdout), daemon=True)
     reader.start()
     for part in split_events(calm, 60):
-        sent_all(link, encoder.encode(part))
+        send_all(link, encoder.encode(part))
         time.sleep(0.02)
     end = time.monotonic() + 30
     while whole(out) < 660_000:
         assert time.monotonic() < end
-        sent_all(link, encoder.idle(int(calm["t"][-1])))
+        send_all(link, encoder.idle(int(calm["t"][-1])))
         time.sleep(0.1)
     run.process.send_signal(signal.SIGTERM)
     reader.join(timeout=30)
@@ -412,11 +412,6 @@ def test_a_signal_ends_a_run_with_its_summary_and_its_files(drive, tmp_path):
     at_once(interrupted_by, signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 
 
-def greeted(link):
-    """Wait until the host has said that it is there."""
-    wait_until(lambda: link.read(0.1))
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize("reader", ["leaves", "sleeps"])
 def test_a_reader_that_reads_no_more_costs_no_file(reader, drive, tmp_path):
@@ -443,13 +438,6 @@ def test_a_reader_that_reads_no_more_costs_no_file(reader, drive, tmp_path):
     (summary,) = rows_of(files[1], "summary")
     recorded = sum(part.size for part in open_recording(files[0]))
     assert 0 < recorded == summary["events"] < 1_000_000
-
-
-def sent_all(link, data):
-    view, end = memoryview(data), time.monotonic() + 30
-    while view:
-        view = view[link.write(bytes(view), 1) :]
-        assert time.monotonic() < end
 
 
 def test_what_is_read_is_never_written_over(drive, sent, streamed):

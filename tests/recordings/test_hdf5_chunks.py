@@ -152,28 +152,20 @@ def test_a_filter_that_is_not_installed_is_named_with_what_installs_it(
 
 def test_blosc_as_in_published_files_of_dsec_is_read_without_an_import_by_the_user(tmp_path):
     """In a process of its own: once imported, the library is found in any case."""
-    pytest.importorskip("hdf5plugin")
-    program = f"""
-import h5py, hdf5plugin, numpy as np
-rng = np.random.default_rng(5)
-t = np.sort(rng.integers(0, 3_000_000, {N}))
-columns = dict(t=t.astype("<u4"), x=t.astype("<u2") % 40, y=t.astype("<u2") % 30, p=t < 0)
-with h5py.File({str(tmp_path / "dsec.h5")!r}, "w") as file:
-    for name, column in columns.items():
-        file.create_dataset(f"events/{{name}}", data=column.astype(column.dtype), chunks=({ROWS},),
-                            **hdf5plugin.Blosc(cname="zstd", clevel=5, shuffle=1))
-    file["t_offset"] = 49_599_300_523
-np.save({str(tmp_path / "t.npy")!r}, t)
-"""
-    subprocess.run([sys.executable, "-c", program], check=True)
-    program = f"""
-import numpy as np, edge_vpr
-recording = edge_vpr.open_recording({str(tmp_path / "dsec.h5")!r}, sensor="40x30")
-t = np.load({str(tmp_path / "t.npy")!r})
-assert np.array_equal(np.concatenate(list(recording))["t"], t - t[0])
-assert recording.start_us == 49_599_300_523 + t[0]
-"""
-    subprocess.run([sys.executable, "-c", program], check=True)
+    hdf5plugin, values = pytest.importorskip("hdf5plugin"), columns()
+    with h5py.File(tmp_path / "dsec.h5", "w") as file:
+        for name, column in values.items():
+            how = hdf5plugin.Blosc(cname="zstd", clevel=5, shuffle=1)
+            file.create_dataset(f"events/{name}", data=column, chunks=(ROWS,), **how)
+        file["t_offset"] = 49_599_300_523
+    program = (
+        "import sys, numpy, edge_vpr\n"
+        "recording = edge_vpr.open_recording(sys.argv[1], sensor='40x30')\n"
+        "numpy.save('t.npy', numpy.concatenate(list(recording))['t'] + recording.start_us)"
+    )
+    words = [sys.executable, "-c", program, tmp_path / "dsec.h5"]
+    subprocess.run(words, check=True, cwd=tmp_path)
+    assert np.array_equal(np.load(tmp_path / "t.npy"), values["t"] + 49_599_300_523)
 
 
 @pytest.mark.parametrize("kind", ["gzip", "lzf-checksum"])

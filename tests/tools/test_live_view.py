@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import signal
 import sys
-import time
 
 import numpy as np
 import pytest
@@ -16,7 +15,7 @@ from edge_vpr.live.bridge import open_device_link
 from edge_vpr.live.protocols import open_encoder
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.settings import Settings
-from tests.live.devices import wait_until
+from tests.live.devices import greeted, send_all
 from tests.streams import Drive, random_events
 from tests.tools.terminals import Terminal
 
@@ -51,17 +50,7 @@ class Camera:
         events = random_events(self._rng, 20_000, SENSOR, span)
         events.t += self._now
         self._now += span
-        self.write(self._encoder.encode(events))
-
-    def write(self, data):
-        end = time.monotonic() + 20
-        while data:
-            assert time.monotonic() < end
-            data = data[self.link.write(data, 0.1) :]
-
-    def greeted(self):
-        """Wait for the host."""
-        wait_until(lambda: self.link.read(0.1), 40)
+        send_all(self.link, self._encoder.encode(events))
 
 
 def stream(folder, port, map_file, *words, size=(100, 30)):
@@ -81,7 +70,7 @@ def test_a_terminal_shows_the_place_its_age_and_every_notice_at_any_size(map_fil
     run = stream(
         tmp_path, port.name, map_file, "--overwrite", "--record", full.name, "--every", "10ms"
     )
-    camera.greeted()
+    greeted(camera.link)
     camera.send()
     shown = run.wait_for(lambda text: "place " in text and "of 29 (" in text and "latency" in text)
     # the disk was full at the first bytes
@@ -127,8 +116,8 @@ def test_a_terminal_shows_the_place_its_age_and_every_notice_at_any_size(map_fil
 def test_bytes_of_another_protocol_are_told_on_a_terminal(map_file, tmp_path):
     camera = Camera()
     run = stream(tmp_path, camera.link.address, map_file)
-    camera.greeted()
-    camera.write(np.random.default_rng(0).bytes(30_000))
+    greeted(camera.link)
+    send_all(camera.link, np.random.default_rng(0).bytes(30_000))
     run.wait_for(lambda text: "are not of this protocol" in text)
     assert run.colour_of("are not of this") == "brown"
     assert run.end(signal.SIGINT)[0] == 1
@@ -137,7 +126,7 @@ def test_bytes_of_another_protocol_are_told_on_a_terminal(map_file, tmp_path):
 def test_a_terminal_that_is_closed_ends_a_run_with_its_files_whole(map_file, tmp_path):
     camera, log = Camera(), tmp_path / "run.jsonl"
     run = stream(tmp_path, camera.link.address, map_file, "--log", log)
-    camera.greeted()
+    greeted(camera.link)
     camera.send()
     run.wait_for(lambda text: "of 29 (" in text)
     run.hang_up()
