@@ -299,13 +299,12 @@ def test_one_table_has_matches_per_joule_by_the_rate_of_events(run):
 def test_windows_of_a_number_of_events_end_more_often_at_a_higher_rate():
     """The energy of a match is then that of as many events."""
     design = replace(SMALL, window="count", window_events=100)
-    mission = Mission(1e5, 0.01, 10.0)
-    faster = mission.at_rate(1e6, design)
-    assert (faster.events_per_s, faster.matches_per_s) == (1e6, 100.0)
+    mission, faster = (Mission.of(design, rate, 0.01) for rate in (1e5, 1e6))
+    assert (mission.matches_per_s, faster.matches_per_s) == (10.0, 100.0)
     m4 = targets.find("cortex-m4")
     a, b = (cost(design, m4, one).per_match_j.central for one in (mission, faster))
     assert a == pytest.approx(b)
-    assert mission.at_rate(1e6, SMALL).matches_per_s == 10.0
+    assert Mission.of(SMALL, 1e6, 0.01).matches_per_s == 1e6 / SMALL.tau_us
 
 
 def test_the_default_design_is_that_of_the_default_settings():

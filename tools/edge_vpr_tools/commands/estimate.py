@@ -114,9 +114,7 @@ def workload_of(args: argparse.Namespace) -> Workload:
         rate, rate_is = args.event_rate, "as given"
     if share is None:
         share = design.pixels / (design.width * design.height)
-    by_count = design.window == "count"
-    matches = rate * share / design.window_events if by_count else 1e6 / design.tau_us
-    return Workload(design, Mission(rate, share, matches), rate_is)
+    return Workload(design, Mission.of(design, rate, share), rate_is)
 
 
 def _of_flags(args: argparse.Namespace) -> Design:
@@ -144,7 +142,7 @@ def run(args: argparse.Namespace) -> None:
     """Count, model, and print."""
     from edge_vpr.results import json_text, to_json
     from edge_vpr_tools.estimate import fitting, show
-    from edge_vpr_tools.estimate.model import cost, search_work, sizes
+    from edge_vpr_tools.estimate.model import Mission, cost, search_work, sizes
     from edge_vpr_tools.estimate.targets import find, names
     from firmware_model.errors import DesignError
 
@@ -170,9 +168,9 @@ def run(args: argparse.Namespace) -> None:
         estimates = {
             of: fitting.on_target(design, mission, fitting.Limits(of, budgets)) for of in targets
         }
+        missions = [Mission.of(design, rate, mission.selected_share) for rate in EVENT_RATES]
         at_rates = {
-            of: {rate: cost(design, of, mission.at_rate(rate, design)) for rate in EVENT_RATES}
-            for of in targets
+            of: {each.events_per_s: cost(design, of, each) for each in missions} for of in targets
         }
         show.show_design(estimates, at_rates, rate_is, budgets)
         values |= {

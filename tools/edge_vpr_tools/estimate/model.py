@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import csv
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cache
 from typing import NamedTuple
 
@@ -136,12 +136,13 @@ class Mission:
         if not self.matches_per_s > 0:
             raise UsageError(f"{self.matches_per_s:g} matches per second: expected more than 0")
 
-    def at_rate(self, events_per_s: float, design: Design) -> Mission:
-        """Return the mission at another rate of events, by which windows of a number end too."""
-        matches = self.matches_per_s
+    @classmethod
+    def of(cls, design: Design, events_per_s: float, selected_share: float) -> Mission:
+        """Return the mission of a design at a rate of events; each window gives a match."""
+        matches_per_s = 1e6 / design.tau_us
         if design.window == "count":
-            matches = events_per_s * self.selected_share / design.window_events
-        return replace(self, events_per_s=events_per_s, matches_per_s=matches)
+            matches_per_s = events_per_s * selected_share / design.window_events
+        return cls(events_per_s, selected_share, matches_per_s)
 
     @property
     def rates(self) -> dict[str, float]:
@@ -287,7 +288,4 @@ def instructions_of(
 
 def per_second(of_unit: Mapping[str, Spread], mission: Mission) -> Spread:
     """Add up what the units of work of a second of the mission take."""
-    total = _ZERO
-    for unit, rate in mission.rates.items():
-        total = total + of_unit[unit] * rate
-    return total
+    return sum((of_unit[unit] * rate for unit, rate in mission.rates.items()), _ZERO)
