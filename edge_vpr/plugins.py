@@ -29,10 +29,6 @@ class Registry:
         self._group = group
         self._own = {name: EntryPoint(name, value, group) for name, value in own.items()}
 
-    def __contains__(self, name: str) -> bool:
-        """Return whether this package itself has a part of this name."""
-        return name in self._own
-
     def names(self) -> list[str]:
         """Return the package's own names, then those of other packages in alphabetical order."""
         others = {point.name for point in entry_points(group=self._group)} - set(self._own)
