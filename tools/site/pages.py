@@ -71,7 +71,14 @@ STAGES = {
     "pipeline": Stage(
         "Maps and matches of whole drives",
         "From a recording to a map, and from a map and a recording to matches.",
-        exported=("reference_map", "map_making", "match_result", "route", "odometry"),
+        exported=(
+            "reference_map",
+            "drive_inputs",
+            "map_making",
+            "match_result",
+            "route",
+            "odometry",
+        ),
     ),
     "settings": Stage(
         "Settings",
