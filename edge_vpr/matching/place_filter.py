@@ -5,7 +5,7 @@ faster, and also if light, lens or thresholds of the camera give more of them. T
 follows seven hypotheses of this gain side by side. Each place has a metric for each of them: the
 cost of the cheapest path that ends there in the current window with this gain. `match_window` is
 the algorithm: see, predict, evidence, best, trust, by the names of the specification, of `filter.h`
-and of the core's units. `drive` adds the costs of a backward pass from later windows.
+and of the core's units. `smoothing` adds the costs of a backward pass from later windows.
 
 With one gain, the number of events is compared with its running mean instead of the reference's.
 """

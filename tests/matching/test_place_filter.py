@@ -20,9 +20,10 @@ from edge_vpr.descriptors.windows import (
 )
 from edge_vpr.errors import MapError, UsageError
 from edge_vpr.matching import drive as filtered_drive
-from edge_vpr.matching.drive import add_cost_to_go, match_descriptors
+from edge_vpr.matching.drive import match_descriptors
 from edge_vpr.matching.place_filter import PATIENCE, PlaceFilter, WindowRows
 from edge_vpr.matching.prediction import LANES, TransitionCosts, Transitions
+from edge_vpr.matching.smoothing import add_cost_to_go
 from edge_vpr.matching.trust import held_trust
 from edge_vpr.odometry import MOST_MM, Odometer, Odometry
 from edge_vpr.settings import PRESETS, Settings
