@@ -21,7 +21,7 @@ from edge_vpr_tools.sweep import MEASURES, comparison
 from edge_vpr_tools.sweep.comparison import draw, rows_of, write_comparison
 from edge_vpr_tools.sweep.plan import read_plan
 from edge_vpr_tools.sweep.table import SETTINGS, read_lines
-from edge_vpr_tools.sweep.trial import fastest, trial
+from edge_vpr_tools.sweep.trial import fastest, run_trial
 from edge_vpr_tools.workers import cluster, error_text, mapped, processes
 
 from edge_vpr.errors import EdgeVprError, UsageError
@@ -173,14 +173,14 @@ def test_a_sweep_is_resumed_where_its_file_ends(plan_file, tmp_path, sweep):
 
 def test_a_trial_is_map_match_and_evaluate_on_two_drives(plan_file, tmp_path, sweep):
     (first, *_) = read_plan(plan_file)
-    (row,) = trial(first.settings, first.pair)
+    (row,) = run_trial(first)
     (line, *_) = sorted(sweep(tmp_path / "out.csv")[0], key=lambda line: line["seed"])
     for name in list(comparison.MEASURES)[:9]:
         assert float(line[name]) == row[name]
     assert row["tolerance"] == line["tolerance"] == "0.2 s"
     gone = replace(first.pair, query=str(tmp_path / "none.npz"))
     with pytest.raises(UsageError, match=r"none\.npz is not there"):
-        trial(first.settings, gone)
+        run_trial(first._replace(pair=gone))
 
 
 def test_a_failed_trial_stops_no_other_and_is_tried_again(plan_file, tmp_path, sweep):

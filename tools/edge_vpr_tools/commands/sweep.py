@@ -46,8 +46,9 @@ def run(args: argparse.Namespace) -> None:
     import edge_vpr
     from edge_vpr.files import check_new_file
     from edge_vpr_tools.sweep.comparison import rows_of, show
-    from edge_vpr_tools.sweep.plan import read_plan, run_trial
+    from edge_vpr_tools.sweep.plan import read_plan
     from edge_vpr_tools.sweep.table import appending, put_in_order, remaining
+    from edge_vpr_tools.sweep.trial import run_trial
     from edge_vpr_tools.workers import cluster, error_text, mapped, processes, trial_line
 
     if args.resume and args.overwrite:

@@ -7,31 +7,17 @@ import math
 from collections.abc import Iterator, Mapping
 from dataclasses import fields, replace
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 from edge_vpr.errors import UsageError, did_you_mean
 from edge_vpr.files import read_toml
 from edge_vpr.results import RecordError, from_json
 from edge_vpr.settings import SETTING_FIELDS, Settings, resolve_settings
-from edge_vpr_tools.sweep.trial import Measured, PairOfDrives, trial
+from edge_vpr_tools.sweep.trial import PairOfDrives, Trial
 
 _REMEDY = "write it as docs/laboratory.md shows"
 _TABLES = ("seeds", "settings", "grid", "variants", "drives")
 _MOST_TRIALS = 100_000
-
-
-class Trial(NamedTuple):
-    """A variant on a pair of drives with a seed; can be sent to another process or machine."""
-
-    variant: str
-    drives: str
-    settings: Settings  #: With the seed.
-    pair: PairOfDrives
-
-
-def run_trial(one: Trial) -> list[Measured]:
-    """Run a trial of a plan."""
-    return trial(one.settings, one.pair)
 
 
 def read_plan(path: Path) -> list[Trial]:

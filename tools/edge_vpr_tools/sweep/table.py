@@ -16,8 +16,7 @@ from edge_vpr.files import open_input
 from edge_vpr.settings import SETTING_FIELDS, setting_words
 from edge_vpr_tools.report.spreadsheets import spreadsheet_cell, write_spreadsheet
 from edge_vpr_tools.sweep import MEASURES
-from edge_vpr_tools.sweep.plan import Trial
-from edge_vpr_tools.sweep.trial import Measured
+from edge_vpr_tools.sweep.trial import Measured, Trial
 
 #: columns of what a trial is, and of its settings but the seed
 NAMES = ("variant", "drives", "tolerance", "seed")

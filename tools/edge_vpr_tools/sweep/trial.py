@@ -8,7 +8,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, NamedTuple, TypeVar
 
 import edge_vpr
 from edge_vpr.errors import UsageError
@@ -77,7 +77,16 @@ class PairOfDrives:
         return recording if crop is None else recording.cropped(crop)
 
 
-def trial(settings: Settings, pair: PairOfDrives) -> list[Measured]:
+class Trial(NamedTuple):
+    """A variant on a pair of drives with a seed; can be sent to another process or machine."""
+
+    variant: str
+    drives: str
+    settings: Settings  #: With the seed.
+    pair: PairOfDrives
+
+
+def run_trial(trial: Trial) -> list[Measured]:
     """Map, match and evaluate; return what was measured by each tolerance of the pair.
 
     Raises
@@ -85,13 +94,14 @@ def trial(settings: Settings, pair: PairOfDrives) -> list[Measured]:
     EdgeVprError
         If an input cannot be used.
     """
+    pair = trial.pair
     for file in (pair.reference, pair.query, *pair.ground_truth):
         if not Path(file).exists():
             raise UsageError(
                 f"{file} is not there: name one that is, on a cluster by a path that all workers "
                 "share"
             )
-    reference = ReferenceMap.build(pair.open(0), settings)
+    reference = ReferenceMap.build(pair.open(0), trial.settings)
     matched = reference.match(pair.open(1))
     queries = matched.queries
     assert queries is not None
