@@ -598,8 +598,8 @@ WITHOUT_CHECKSUM = (
 @pytest.mark.parametrize("protocol", WITHOUT_CHECKSUM)
 def test_a_damaged_line_does_not_make_the_clock_run_ahead_of_the_hosts(protocol, kind, rate):
     """Each damaged time counted as a wrap: 16-bit times ran up to six times too fast."""
-    rng, span_us = np.random.default_rng(7), 4_000_000
-    sent = open_encoder(protocol, SENSOR).encode(random_events(rng, 200_000, SENSOR, span_us))
+    rng, number, span_us = np.random.default_rng(7), 20_000 if PLAIN else 200_000, 4_000_000
+    sent = open_encoder(protocol, SENSOR).encode(random_events(rng, number, SENSOR, span_us))
     data, _ = corrupt(rng, sent, kind, rate)
     decoder = open_decoder(protocol, SENSOR)
     decoder.live = True
@@ -612,7 +612,7 @@ def test_a_damaged_line_does_not_make_the_clock_run_ahead_of_the_hosts(protocol,
             end_us = int(events["t"][-1])
             assert end_us < host_us + 650_000
     assert end_us > 0.9 * span_us
-    assert count > 0.95 * 200_000
+    assert count > 0.95 * number
 
 
 @pytest.mark.parametrize("protocol", ["edvs:format=E1,dialect=old", "edvs:format=E3,dialect=old"])
