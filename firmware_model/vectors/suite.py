@@ -266,10 +266,10 @@ def cases_within(suites: Suites, most_bytes: float) -> dict[str, list[Case]]:
 
 
 def estimated_bytes(case: Case) -> int:
-    """Estimate the size of the files of a case."""
+    """Estimate the size of the files of a case, and of its part of the manifest."""
     design = case.design
     windows = (90 + 22 * design.slots) * _ended_windows(case)
-    return 40_000 + 165 * len(case.events) + windows + 17 * design.places * design.slots
+    return 60_000 + 165 * len(case.events) + windows + 17 * design.places * design.slots
 
 
 def _ended_windows(case: Case) -> int:
