@@ -557,7 +557,6 @@ def test_a_host_that_is_starved_says_how_late_it_is(route):
         sending = threading.Thread(target=send, daemon=True)
         sending.start()
         wait_until(lambda: session.health.events > 20, session)
-        assert session.health.longest_lag_us < 100_000
         time.sleep(0.5)
         wait_until(lambda: session.health.longest_lag_us > 400_000, session)
         wait_until(lambda: session.health.lag_us < 50_000, session)
