@@ -60,7 +60,6 @@ from edge_vpr.results import (
     QUERIES_KIND,
     RUN,
     WINDOWS,
-    RunRecord,
     read_run,
     results_folder,
     run_record,
@@ -598,8 +597,8 @@ class MatchResult:
         with results_folder(as_path(folder, "a folder of results"), overwrite, self.inputs) as new:
             self.write(new, self.inputs)
 
-    def write(self, folder: Path, inputs: Sequence[str | Path]) -> RunRecord:
-        """Write the files of `save` into an empty folder; return the record of the run.
+    def write(self, folder: Path, inputs: Sequence[str | Path]) -> None:
+        """Write the files of `save` into an empty folder.
 
         Parameters
         ----------
@@ -615,10 +614,10 @@ class MatchResult:
                 write_archive(folder / name, QUERIES_KIND, windows.to_arrays(), {})
         left_out = self.removed.record(int(self.reference.hot.sum()))
         settings = self.matches.settings.to_dict()
-        run = run_record(settings, inputs, left_out, self.start_us, self.clock_us)
-        write_json(folder / RUN, run)
+        write_json(
+            folder / RUN, run_record(settings, inputs, left_out, self.start_us, self.clock_us)
+        )
         write_json(folder / METRICS, {} if self.metrics is None else self.metrics)
-        return run
 
     @classmethod
     def load(cls, folder: str | Path) -> MatchResult:

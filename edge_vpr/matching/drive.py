@@ -15,18 +15,11 @@ from edge_vpr.matching.distances import BLOCK_DISTANCES, ReferenceIndex
 from edge_vpr.matching.match import MATCH_DTYPE
 from edge_vpr.matching.matches import Matches
 from edge_vpr.matching.place_filter import PlaceFilter, WindowRows
-from edge_vpr.matching.prediction import (
-    LANES,
-    Travelled,
-    odometry_of_sequences,
-)
+from edge_vpr.matching.prediction import LANES, Travelled, odometry_of_sequences
 from edge_vpr.matching.search import CANDIDATES, nearest_places
 from edge_vpr.matching.sequences import match_by_sequences, sequence_distances
 from edge_vpr.matching.smoothing import add_cost_to_go, runs
-from edge_vpr.matching.trust import (
-    smoothed_misfit,
-    smoothed_trust,
-)
+from edge_vpr.matching.trust import smoothed_misfit, smoothed_trust
 from edge_vpr.odometry import Odometry
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.settings import Settings

@@ -141,7 +141,8 @@ def run(args: argparse.Namespace) -> None:
     by_tolerance = {one.truth.tolerance_text: one for one in evaluations.values()}
     metrics = read_json(folder / results.METRICS, "metrics", "match again")
     outcome = outcome_of(reference, matches, evaluation)
-    metrics |= evaluated(result, outcome, evaluation, args.ground_truth)
+    facts = result.facts(evaluation.truth)
+    metrics |= evaluated(result, outcome, evaluation, facts, args.ground_truth)
     metrics["truth"] = files
     metrics["tolerances"] = [
         {"tolerance": each, "unit": truth.error_unit, **one.shares()}
@@ -151,7 +152,7 @@ def run(args: argparse.Namespace) -> None:
     if route is None and truth.tracks is not None:
         route = with_positions(reference, truth.tracks[0]).route
     write_report(
-        folder, result, outcome, args.figures,
+        folder, result, outcome, args.figures, facts,
         route=route, warnings=warnings_so_far(), tolerances=by_tolerance,
     )  # fmt: skip
     write_json(folder / results.METRICS, metrics)
@@ -170,7 +171,7 @@ def run(args: argparse.Namespace) -> None:
     figures = [(name, value) for name, value, _ in other_figures(evaluation)]
     table(("figure", "value"), figures, width=_WIDTH)
     summary(f"judged by {truth.description}")
-    print_facts(metrics["facts"])
+    print_facts(facts)
     summary(
         'R@99P takes its threshold from this truth, "accepted" does not; recall counts a query as '
         f"missed if {MISSED[args.recall_denominator]}; see {folder / results.REPORT}"

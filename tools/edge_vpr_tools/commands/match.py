@@ -139,19 +139,19 @@ def run(args: argparse.Namespace) -> None:
         assert along_mm is not None  # else matching refuses odometry
         route_m = length_m(along_mm / 1e3, reference.settings.window_parts)
         remarks.append(of_part(recording, odometry).beside(matches.time_us, route_m))
-    outcome = outcome_of(result.reference, matches)
+    outcome, facts = outcome_of(result.reference, matches), result.facts()
     with results.results_folder(output, args.overwrite) as folder:
         result.write(folder, inputs)
         if not args.no_figures:
             from edge_vpr_tools.report.traverse import write_report
 
-            write_report(folder, result, outcome, args.figures, remarks=remarks)
+            write_report(folder, result, outcome, args.figures, facts, remarks=remarks)
     if args.json:
         print(results.json_text({} if metrics is None else metrics))
     summary(f"{output}: {outcome.sentence}")
     for remark in remarks:
         summary(remark)
-    print_facts(result.facts())
+    print_facts(facts)
     if isinstance(metrics, OnlineMetrics):
         duration_s = metrics.times_real_time * metrics.localising_s
         summary(f"{metrics.events:,} events over {duration_s:.1f} s{removed}{faults}")

@@ -102,10 +102,12 @@ def write(
     outcome = outcome_of(result.reference, result.matches, evaluation)
     with results_folder(folder, overwrite, result.inputs) as new:
         result.write(new, result.inputs)
-        write_report(new, result, outcome, figures)
+        facts = result.facts(outcome.truth)
+        write_report(new, result, outcome, figures, facts)
         if evaluation is not None:
             metrics = read_json(new / METRICS, "metrics", "match again")
-            write_json(new / METRICS, metrics | evaluated(result, outcome, evaluation, ()))
+            metrics |= evaluated(result, outcome, evaluation, facts, ())
+            write_json(new / METRICS, metrics)
 
 
 def html(result: MatchResult) -> str:

@@ -58,6 +58,7 @@ def write_report(
     result: MatchResult,
     outcome: Outcome,
     formats: Sequence[str],
+    facts: Mapping[str, str],
     *,
     route: Route | None = None,
     warnings: Sequence[str] = (),
@@ -70,6 +71,8 @@ def write_report(
     ----------
     formats : sequence of str
         Of `report.FORMATS`: each figure is also written in each.
+    facts : mapping of str to str
+        Of the result, see `MatchResult.facts`.
     route : Route, optional
         Positions of the places; without it, those that the map holds.
     warnings : sequence of str
@@ -93,7 +96,7 @@ def write_report(
     else:
         page.text(f"Ground truth: {truth.description}.")
     page.text(_described(result.reference, outcome.matches))
-    page.table(("drive", "facts"), result.facts(truth).items())
+    page.table(("drive", "facts"), facts.items())
     for section in sections:
         if section.heading:
             page.heading(section.heading)
@@ -108,12 +111,16 @@ def write_report(
 
 
 def evaluated(
-    result: MatchResult, outcome: Outcome, evaluation: Evaluation, inputs: Sequence[str]
+    result: MatchResult,
+    outcome: Outcome,
+    evaluation: Evaluation,
+    facts: Mapping[str, str],
+    inputs: Sequence[str],
 ) -> dict[str, Any]:
     """Return what an evaluation, with these files, adds to ``metrics.json``."""
     return {
         "ground_truth": evaluation.truth.description,
-        "facts": result.facts(evaluation.truth),
+        "facts": facts,
         "evaluation": evaluation.to_dict(),
         "evaluated_by": run_record(result.matches.settings.to_dict(), inputs),
         "verdict": outcome.sentence,
