@@ -38,8 +38,9 @@ TYPICAL = [(each.host, each.sends) for each in DEVICES if each.typical]
 def played(events, state, path, host="evpr", device="evpr", speed=0.0, overwrite=False, **changes):
     """The matches of a session that gets these events, and what it says of its state.
 
-    Without a speed they come at once. Then a clock that restarts may be in the piece that ends the
-    gap, and in all of that piece something is missing.
+    Without a speed they come at once. One read may then hold all of them, and with them what the
+    gap lost: the restart of a clock, or a device's answer to its commands. Something is missing in
+    all of that piece.
     """
     camera, said = play(Drive(events, SENSOR), SENSOR, device, speed=speed), []
     with LiveSession(
@@ -68,8 +69,7 @@ def test_a_session_goes_on_where_the_one_before_was(host, device, clock, street,
     late = between(events, 20, 24)
     true_m = track.at(late["t"][-1:])[0, 0]
     late.t -= late["t"][0] if clock == "restarts" else 0
-    speed = 4.0 if clock == "restarts" else 0.0
-    matches, (said,) = played(late, tmp_path / "run.state", path, host, device, speed)
+    matches, (said,) = played(late, tmp_path / "run.state", path, host, device, speed=4.0)
     assert "goes on" in said
     assert matches[0].time_s > before[-1].time_s
     assert matches[0].missing == 1.0
