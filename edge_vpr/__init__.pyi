@@ -37,6 +37,7 @@ from .live.links import Line as Line
 from .live.session import LiveSession as LiveSession
 from .live.session_files import SessionFiles as SessionFiles
 from .map_making import describe as describe
+from .map_making import fitting_window as fitting_window
 from .match_result import MatchResult as MatchResult
 from .matching.distances import ReferenceIndex as ReferenceIndex
 from .matching.distances import distance_matrix as distance_matrix

@@ -9,7 +9,7 @@ import warnings
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, cast
+from typing import Any, NamedTuple, cast
 
 import numpy as np
 import numpy.typing as npt
@@ -414,6 +414,64 @@ def coded_map(counted: ReferenceMap, settings: Settings) -> ReferenceMap:
         mean=mean,
         limits=limits,
     )
+
+
+class FittingWindow(NamedTuple):
+    """The length of window that fits the speed of a drive, from `fitting_window`."""
+
+    tau_us: int
+    fact: str  #: Travel or events in a window of the map, as text.
+
+
+#: travel in a window that is aimed at; without a speed, events for each selected pixel and window
+_WINDOW_MM, _ENOUGH_EVENTS = 2_500, 3.0
+
+
+def fitting_window(reference: ReferenceMap) -> FittingWindow:
+    """Return the length of window that fits the speed of a map's drive, as ``map --tau auto``.
+
+    Parameters
+    ----------
+    reference : ReferenceMap
+        Of the drive, with windows of fixed time.
+
+    Returns
+    -------
+    FittingWindow
+        Of 2.5 m of travel in the median window in which the robot moves, if the map has a track or
+        odometry; else of 3 events at each selected pixel. In whole 100 ms, and never shorter than
+        the map's: short windows of a fast robot make fewer matches confident.
+
+    Raises
+    ------
+    UsageError
+        If the map has windows of a number of events.
+
+    Examples
+    --------
+    >>> route = ReferenceMap.build("slow.raw", odometry="slow.csv")  # doctest: +SKIP
+    >>> tau_us = fitting_window(route).tau_us  # doctest: +SKIP
+    >>> ReferenceMap.build("slow.raw", odometry="slow.csv", tau_us=tau_us)  # doctest: +SKIP
+    """
+    expect(reference, ReferenceMap, "reference", "a ReferenceMap, as of ReferenceMap.build")
+    if reference.settings.window != "time":
+        raise UsageError(
+            "the map has window=count: a length fits windows of fixed time, so build it with "
+            "window=time"
+        )
+    tau_us, along_mm = reference.settings.tau_us, reference.along_mm
+    moved = np.empty(0)
+    if along_mm is not None:
+        moved = np.diff(along_mm[:: reference.settings.window_parts])
+        moved = moved[moved > 0.1 * moved.mean()] if moved.size else moved
+    if moved.size:
+        travel_mm = float(np.median(moved))
+        share, fact = _WINDOW_MM / travel_mm, f"{travel_mm / 1e3:.1f} m of travel"
+    else:
+        events = float(reference.windows.selected_events.mean()) / len(reference.pixel_map)
+        share = _ENOUGH_EVENTS / events if events else 1.0
+        fact = f"{events:.2g} events for each selected pixel"
+    return FittingWindow(max(tau_us, round(tau_us * share / 100_000) * 100_000), fact)
 
 
 def _with_mean_count(settings: Settings, first: PixelStatistics, pixel_map: PixelMap) -> Settings:

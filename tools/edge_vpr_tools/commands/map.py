@@ -144,7 +144,7 @@ def run(args: argparse.Namespace) -> None:
         recording = open_source(args, args.recording)
         track = of_drives.pop(0) if of_drives else None
         if fits:
-            settings = _with_fitting_window(args, settings, track)
+            settings = _with_fitting_window(args, settings, recording, track)
         reference, seconds = _mapped(args, settings, recording, track, removed)
         drives["drive"] = Drive.of_windows(
             reference.windows,
@@ -232,64 +232,32 @@ def _mapped(
 
 
 def _with_fitting_window(
-    args: argparse.Namespace, settings: Settings, track: Track | None
+    args: argparse.Namespace,
+    settings: Settings,
+    recording: Recording | PublishedWindows,
+    track: Track | None,
 ) -> Settings:
     """Return settings with the window of --tau auto, from a map with the window that they have."""
     from edge_vpr.descriptors.counting import Removed
-    from edge_vpr_tools.inputs import open_source
+    from edge_vpr.map_making import fitting_window
 
-    if settings.window != "time":
+    if settings.window != "time":  # a map of them would be refused, after it was made
         raise UsageError("--tau auto is for windows of fixed time: leave out --window count")
-    recording = open_source(args, args.recording)
     with warnings.catch_warnings():  # the map that is kept has the same
         warnings.simplefilter("ignore", EdgeVprWarning)
         reference, _ = _mapped(args, settings, recording, track, Removed())
-    tau_us, _ = fitting_window(reference)
-    chosen = settings.replaced({"tau_us": tau_us}, "--tau auto")
+    tau_us = fitting_window(reference).tau_us
     summary(f"--tau auto: windows of {tau_us / 1e6:g} s")
-    return chosen
-
-
-#: travel in a window that is aimed at; without a speed, events for each selected pixel and window
-WINDOW_MM, ENOUGH_EVENTS = 2_500, 3.0
-
-
-def fitting_window(reference: ReferenceMap) -> tuple[int, str]:
-    """Return the length of window that fits the speed of the map's drive.
-
-    Returns
-    -------
-    tau_us : int
-        For 2.5 m of travel in the median window in which the robot moves, if the map knows its
-        distances; else for 3 events at each selected pixel. In whole 100 ms, and never shorter
-        than the map's: short windows of a fast robot make fewer matches confident.
-    fact : str
-        What the map's windows have of it.
-    """
-    import numpy as np
-
-    tau_us, along_mm = reference.settings.tau_us, reference.along_mm
-    moved = np.empty(0)
-    if along_mm is not None:
-        moved = np.diff(along_mm[:: reference.settings.window_parts])
-        moved = moved[moved > 0.1 * moved.mean()] if moved.size else moved
-    if moved.size:
-        travel_mm = float(np.median(moved))
-        share, fact = WINDOW_MM / travel_mm, f"{travel_mm / 1e3:.1f} m of travel"
-    else:
-        events = float(reference.windows.selected_events.mean()) / len(reference.pixel_map)
-        share = ENOUGH_EVENTS / events if events else 1.0
-        fact = f"{events:.2g} events for each selected pixel"
-    return max(tau_us, round(tau_us * share / 100_000) * 100_000), fact
+    return settings.replaced({"tau_us": tau_us}, "--tau auto")
 
 
 def _of_a_window(reference: ReferenceMap) -> str:
     """Return what a window of the map's drive has, and how long --tau auto would make it."""
-    tau_us, fact = fitting_window(reference)
-    fits = (
-        f"; --tau auto makes it {tau_us / 1e6:g} s" if tau_us != reference.settings.tau_us else ""
-    )
-    return f"{reference.settings.tau_us / 1e6:g} s, {fact}{fits}"
+    from edge_vpr.map_making import fitting_window
+
+    tau_us, (fitting_us, fact) = reference.settings.tau_us, fitting_window(reference)
+    fits = f"; --tau auto makes it {fitting_us / 1e6:g} s" if fitting_us != tau_us else ""
+    return f"{tau_us / 1e6:g} s, {fact}{fits}"
 
 
 def _hot_pixel_file(args: argparse.Namespace) -> str | None:

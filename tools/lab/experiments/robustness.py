@@ -14,7 +14,6 @@ from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-from edge_vpr_tools.commands.map import fitting_window
 
 from edge_vpr.descriptors.counting import count_windows
 from edge_vpr.descriptors.pixels import PixelMap
@@ -22,6 +21,7 @@ from edge_vpr.descriptors.windows import Descriptors, narrow
 from edge_vpr.drive_inputs import opened
 from edge_vpr.evaluation.ground_truth import GroundTruth
 from edge_vpr.events import Events, join_events
+from edge_vpr.map_making import fitting_window
 from edge_vpr.odometry import Odometry
 from edge_vpr.recordings.reading import EventSource
 from edge_vpr.reference_map import ReferenceMap
@@ -183,7 +183,7 @@ def _slowly(seed: int) -> Iterator[Trouble]:
         pair = MappedPair.of(route, query.keep(), Pair.simulated(reference, query).truth_of)
         yield Trouble(name, [pair])
         yield Trouble(f"{name}, odometry", [pair], wheel)
-        settings = settings.replaced({"tau_us": fitting_window(route)[0]}, "robustness")
+        settings = settings.replaced({"tau_us": fitting_window(route).tau_us}, "robustness")
 
 
 def _nowhere(places: Counts, windows: Counts) -> GroundTruth:
