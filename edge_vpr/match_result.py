@@ -60,6 +60,7 @@ from edge_vpr.results import (
     QUERIES_KIND,
     RUN,
     WINDOWS,
+    RunRecord,
     read_run,
     results_folder,
     run_record,
@@ -597,13 +598,18 @@ class MatchResult:
         with results_folder(as_path(folder, "a folder of results"), overwrite, self.inputs) as new:
             self.write(new, self.inputs)
 
-    def write(self, folder: Path, inputs: Sequence[str | Path]) -> None:
+    def write(self, folder: Path, inputs: Sequence[str | Path]) -> RunRecord:
         """Write the files of `save` into an empty folder.
 
         Parameters
         ----------
         inputs : sequence of path
             Files that were read, for `run.json`.
+
+        Returns
+        -------
+        RunRecord
+            As in `run.json`.
         """
         # a map that was read is linked
         self.reference.save(folder / MAP, others=inputs)
@@ -614,10 +620,10 @@ class MatchResult:
                 write_archive(folder / name, QUERIES_KIND, windows.to_arrays(), {})
         left_out = self.removed.record(int(self.reference.hot.sum()))
         settings = self.matches.settings.to_dict()
-        write_json(
-            folder / RUN, run_record(settings, inputs, left_out, self.start_us, self.clock_us)
-        )
+        run = run_record(settings, inputs, left_out, self.start_us, self.clock_us)
+        write_json(folder / RUN, run)
         write_json(folder / METRICS, {} if self.metrics is None else self.metrics)
+        return run
 
     @classmethod
     def load(cls, folder: str | Path) -> MatchResult:

@@ -407,9 +407,10 @@ class ReferenceMap(EqualByValue):
         """Return the map with settings for matching while events come, see `with_settings`."""
         if changes.get("smooth"):
             raise UsageError(
-                f"{by}: smooth=True needs all later windows: leave it out, or match the recording"
+                f"{by}: smooth=True needs all later windows: leave it out, or match the whole "
+                "recording"
             )
-        return self.with_settings(settings, changes, by).causal()
+        return self.with_settings(settings, {**changes, "smooth": False}, by)
 
     def causal(self) -> ReferenceMap:
         """Return the map with settings that need no windows after the one to match."""

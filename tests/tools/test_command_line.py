@@ -18,7 +18,7 @@ import numpy as np
 import pytest
 from edge_vpr_tools import cli, console
 from edge_vpr_tools.cli import EXAMPLES, GROUPS, VERBS, completion_parser, find_verb, takes_value
-from edge_vpr_tools.console import Verbosity, in_flags, verbosity
+from edge_vpr_tools.console import in_flags, running
 
 import edge_vpr
 from edge_vpr import errors
@@ -528,7 +528,7 @@ def test_results_are_shown_in_one_short_line(drive):
 )
 def test_arguments_become_the_flags_that_the_verb_has(text, shown):
     flags = "--every --exclusion --columns --smooth --no-smooth --overwrite --longest-gap --sensor"
-    with verbosity(Verbosity.NORMAL, [], [*flags.split(), "--start", "--track-offset"]):
+    with running([], [*flags.split(), "--start", "--track-offset"]):
         assert in_flags(text) == shown
     assert in_flags(text) == text
 

@@ -10,7 +10,7 @@ import sys
 import numpy as np
 import pytest
 from edge_vpr_tools import cli
-from edge_vpr_tools.inputs import watched, with_progress
+from edge_vpr_tools.console import watched, with_progress
 
 from edge_vpr.events import Sensor, join_events, make_events
 from edge_vpr.recordings import WRITTEN, open_recording, write_recording

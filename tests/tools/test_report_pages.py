@@ -8,8 +8,10 @@ from typing import get_args
 
 import numpy as np
 import pytest
-from edge_vpr_tools.report.page import MISSED, Page, add_run
-from edge_vpr_tools.report.style import Scale, add_scale, along_route, figure, save
+from edge_vpr_tools.report.figures import Scale, add_scale, along_route
+from edge_vpr_tools.report.page import Page, add_run
+from edge_vpr_tools.report.style import figure, save
+from edge_vpr_tools.report.traverse import MISSED
 
 from edge_vpr.evaluation.metrics import RecallDenominator
 from edge_vpr.results import InputFile, Machine, RunRecord

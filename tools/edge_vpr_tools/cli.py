@@ -30,12 +30,11 @@ from edge_vpr.errors import (
 )
 from edge_vpr.run_log import compiling_reported
 from edge_vpr_tools.console import (
-    Verbosity,
     error_line,
     handled,
     in_flags,
     note,
-    verbosity,
+    running,
     warning,
 )
 
@@ -373,11 +372,13 @@ def run(argv: Sequence[str]) -> None:
         )
     parser = VerbParser(verb)
     args = parser.parse(words)
-    level = Verbosity.QUIET if args.quiet else Verbosity(args.verbose)
     with (
-        verbosity(level, argv, parser.flags, json=getattr(args, "json", None) is True),
+        running(
+            argv, parser.flags, quiet=args.quiet, verbose=args.verbose and not args.quiet,
+            json=getattr(args, "json", None) is True,
+        ),
         compiling_reported(note),
-    ):
+    ):  # fmt: skip
         try:
             command_of(verb).run(args)
         except EdgeVprError as error:

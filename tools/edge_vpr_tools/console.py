@@ -1,4 +1,4 @@
-"""The terminal: messages, the present stage, tables, and interrupts."""
+"""The terminal: messages, the present stage and progress, tables, and interrupts."""
 
 from __future__ import annotations
 
@@ -8,9 +8,8 @@ import sys
 import threading
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from enum import IntEnum
 from types import FrameType
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple, TypeVar
 
 from edge_vpr.errors import escaped, printable
 from edge_vpr.run_log import log_warning, logged_run
@@ -23,26 +22,21 @@ if TYPE_CHECKING:
 
     from edge_vpr.descriptors.counting import Removed
     from edge_vpr.descriptors.published import PublishedWindows
+    from edge_vpr.events import Events
     from edge_vpr.recordings import Recording
     from edge_vpr.reference_map import ReferenceMap
     from edge_vpr.settings import Settings
+    from edge_vpr.simulation import SimulatedRecording
 
 # Notes on standard error and summaries on standard output, depending on ``-q`` and ``-v``.
 
 
-class Verbosity(IntEnum):
-    """How much a command prints while it runs."""
-
-    QUIET = -1
-    NORMAL = 0
-    VERBOSE = 1
-
-
 class _Output(NamedTuple):
-    """What the command that runs prints; see `verbosity`."""
+    """What the command that runs prints; see `running`."""
 
-    level: Verbosity = Verbosity.NORMAL
     flags: Collection[str] = ()
+    quiet: bool = False
+    verbose: bool = False
     json: bool = False
 
 
@@ -51,19 +45,26 @@ _outputs = [_Output()]
 
 
 @contextmanager
-def verbosity(
-    level: Verbosity, command: Sequence[str], flags: Collection[str] = (), *, json: bool = False
+def running(
+    command: Sequence[str],
+    flags: Collection[str] = (),
+    *,
+    quiet: bool = False,
+    verbose: bool = False,
+    json: bool = False,
 ) -> Iterator[None]:
-    """Print as much as `level` allows while a command runs, which has its own list of warnings.
+    """Print as much as is asked for while a command runs, which has its own list of warnings.
 
     Parameters
     ----------
     flags : collection of str
         Of the command; messages name them, see `in_flags`.
+    quiet, verbose : bool
+        Print errors only; print details.
     json : bool
         Leave standard output to one JSON object: no summary, table or paragraph is printed.
     """
-    _outputs.append(_Output(level, flags, json))
+    _outputs.append(_Output(flags, quiet, verbose, json))
     try:
         with logged_run(command):
             yield
@@ -111,12 +112,7 @@ def in_flags(text: str) -> str:
 
 def is_quiet() -> bool:
     """Return whether everything but errors is off."""
-    return _outputs[-1].level <= Verbosity.QUIET
-
-
-def is_verbose() -> bool:
-    """Return whether a command prints more than it must."""
-    return _outputs[-1].level >= Verbosity.VERBOSE
+    return _outputs[-1].quiet
 
 
 def summary(text: str) -> None:
@@ -138,20 +134,14 @@ def note(text: str) -> None:
         error_line(text)
 
 
-def detail(text: str) -> None:
-    """Print a line on standard error if verbose."""
-    if is_verbose():
-        error_line(text)
-
-
-def detail_settings(settings: Mapping[str, object]) -> None:
+def detail_settings(settings: Settings) -> None:
     """Print each setting in effect if verbose."""
-    if not is_verbose():
+    if not _outputs[-1].verbose:
         return
     from edge_vpr.settings import setting_words
 
-    for key, word in setting_words(settings).items():
-        detail(f"setting {key} = {word}")
+    for key, word in setting_words(settings.to_dict()).items():
+        error_line(f"setting {key} = {word}")
 
 
 def warning(text: str) -> None:
@@ -219,6 +209,66 @@ def status(text: str) -> Iterator[Callable[[str], None]]:
 
     with Console(stderr=True, quiet=is_quiet()).status(text) as shown:
         yield shown.update
+
+
+AnyDrive = TypeVar("AnyDrive", "Recording", "Recording | PublishedWindows")
+
+
+def watched(recording: AnyDrive, label: str) -> AnyDrive:
+    """Show the progress of each pass over the events of a recording under `label`."""
+    from edge_vpr.recordings import Recording
+
+    if isinstance(recording, Recording) and _takes_bar():
+        recording.watch = lambda events: with_progress(recording, label, events)
+    return recording
+
+
+def _takes_bar() -> bool:
+    """Return whether a progress bar is shown."""
+    from rich.console import Console  # slow to load, as all of rich
+
+    return not is_quiet() and Console(stderr=True).is_terminal
+
+
+def with_progress(
+    recording: Recording | SimulatedRecording, label: str, events: Iterable[Events] | None = None
+) -> Iterator[Events]:
+    """Yield the events, and show a progress bar on standard error if it is a terminal.
+
+    Parameters
+    ----------
+    events : iterable of Events, optional
+        A pass over the recording; by default a new one.
+    """
+    events = recording if events is None else events
+    if not _takes_bar():
+        yield from events
+        return
+    from rich import progress as rich
+    from rich.console import Console
+
+    columns = (
+        rich.TextColumn("{task.description}"),
+        rich.BarColumn(),
+        rich.TextColumn("{task.fields[events]}"),
+        rich.TimeElapsedColumn(),
+        rich.TextColumn("left:"),
+        rich.TimeRemainingColumn(),
+    )
+    # transient: the bar disappears when the pass ends, and the lines of the command stay
+    with rich.Progress(*columns, console=Console(stderr=True), transient=True) as progress:
+        task = progress.add_task(label, total=None, events="")
+        n = 0
+        for some in events:
+            yield some
+            n += some.size
+            share = recording.position
+            progress.update(
+                task,
+                events=f"{n:,} events",
+                total=None if share is None else 1.0,
+                completed=share or 0.0,
+            )
 
 
 # Orderly end, with files and summary, on Ctrl-C, SIGTERM and a closed terminal.

@@ -1,4 +1,4 @@
-"""Flags that several commands share: recordings, settings, ground truth, output, figures."""
+"""Flags that several commands share, and what they give: recordings, settings, output, figures."""
 
 from __future__ import annotations
 
@@ -20,6 +20,11 @@ from edge_vpr_tools.console import warning
 from edge_vpr_tools.report import FORMATS
 
 if TYPE_CHECKING:
+    from pathlib import Path
+
+    from edge_vpr.descriptors.published import PublishedWindows
+    from edge_vpr.recordings import Recording
+    from edge_vpr.recordings.reading import Camera
     from edge_vpr.reference_map import ReferenceMap
 
 # Flags by which every command opens a recording.
@@ -28,7 +33,7 @@ if TYPE_CHECKING:
 def add_reading_arguments(
     parser: argparse.ArgumentParser, *, on_fault: bool = True
 ) -> argparse._ArgumentGroup:
-    """Add a group with the flags that `inputs.open_from` reads, and return the group.
+    """Add a group with the flags that `open_from` reads, and return the group.
 
     Parameters
     ----------
@@ -87,6 +92,54 @@ def add_reading_arguments(
     return group
 
 
+def open_from(
+    args: argparse.Namespace, path: str | Path, default: Camera | None = None
+) -> Recording:
+    """Open a recording with the flags of `add_reading_arguments`; see `open_recording`."""
+    from edge_vpr.recordings import open_recording
+    from edge_vpr.recordings.reading import NO_CAMERA, crop_of
+
+    crop = crop_of(args.start, args.end, args.start_offset)
+    recording = open_recording(
+        path,
+        format=args.format,
+        sensor=args.sensor,
+        on_fault=args.on_fault,
+        frame_period=args.frame_period,
+        default=default or NO_CAMERA,
+        topic=args.topic,
+        time_unit=args.time_unit,
+        columns=args.columns,
+    )
+    return recording if crop is None else recording.cropped(crop)
+
+
+def add_window_argument(group: argparse._ArgumentGroup) -> None:
+    """Add the further flag that `open_source` reads."""
+    group.add_argument(
+        "--frames-as-windows", action="store_true",
+        help="take each frame of counts as one window, instead of turning it into events",
+    )  # fmt: skip
+
+
+def open_source(
+    args: argparse.Namespace, path: str | Path, default: Camera | None = None
+) -> Recording | PublishedWindows:
+    """Open events as `open_from`, or with ``--frames-as-windows`` windows of counts."""
+    if not args.frames_as_windows:
+        return open_from(args, path, default)
+    from edge_vpr.descriptors.published import PublishedWindows
+    from edge_vpr.recordings.reading import NO_CAMERA, crop_of
+
+    default = default or NO_CAMERA
+    return PublishedWindows(
+        path,
+        frame_period=args.frame_period or default.frame_period,
+        sensor=args.sensor or default.sensor,
+        crop=crop_of(args.start, args.end, args.start_offset),
+    )
+
+
 def add_protocol_flag(group: argparse._ArgumentGroup, text: str, *, required: bool = False) -> None:
     """Add the flag that names a protocol, whose names a shell completes."""
     default = None if required else "evpr"
@@ -100,14 +153,6 @@ def _protocols(**_: object) -> list[str]:
     from edge_vpr.live.protocols import protocol_names  # when a shell asks
 
     return protocol_names()
-
-
-def add_window_argument(group: argparse._ArgumentGroup) -> None:
-    """Add the further flag that `inputs.open_source` reads."""
-    group.add_argument(
-        "--frames-as-windows", action="store_true",
-        help="take each frame of counts as one window, instead of turning it into events",
-    )  # fmt: skip
 
 
 # Flags of the settings, made from their descriptions; shared by the commands map and match.
@@ -190,15 +235,8 @@ def with_match_flags(
     online : bool
         Match while the events come, so that nothing is smoothed.
     """
-    changes = match_flags(args)
-    if online:
-        if args.smooth:
-            raise UsageError(
-                "--smooth needs all windows after each one, which are not known online: leave it "
-                "out"
-            )
-        changes["smooth"] = False
-    matched = reference.with_settings(None, changes, "the command line")
+    change = reference.causal_with if online else reference.with_settings
+    matched = change(None, match_flags(args), "the command line")
     settings = matched.settings
     _warn_of_no_effect(args, settings, _of_group(_MATCHING_GROUP))
     if args.stays_on_map and settings.matching == "filter" and settings.smooth:

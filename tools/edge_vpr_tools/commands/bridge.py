@@ -8,7 +8,7 @@ from contextlib import suppress
 
 from edge_vpr.errors import UsageError, printable
 from edge_vpr_tools.console import note, stopped_by_signals
-from edge_vpr_tools.flags import add_protocol_flag, add_reading_arguments
+from edge_vpr_tools.flags import add_protocol_flag, add_reading_arguments, open_from
 
 EXAMPLES = """\
   edge-vpr bridge tuesday.raw
@@ -56,7 +56,6 @@ def run(args: argparse.Namespace) -> None:
     """Wait for a host and send everything."""
     from edge_vpr.live.bridge import Bridge, LineFaults, open_device_link
     from edge_vpr.live.protocols import open_encoder
-    from edge_vpr_tools.inputs import open_from
 
     if not 0 <= args.speed < math.inf:
         raise UsageError(f"speed {args.speed}: give 1 for real time, 2 for twice that, 0: no limit")

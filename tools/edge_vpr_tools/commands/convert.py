@@ -6,8 +6,8 @@ import argparse
 from pathlib import Path
 
 from edge_vpr.errors import UsageError
-from edge_vpr_tools.console import describe_faults, summary
-from edge_vpr_tools.flags import add_reading_arguments
+from edge_vpr_tools.console import describe_faults, summary, watched
+from edge_vpr_tools.flags import add_reading_arguments, open_from
 
 EXAMPLES = """\
   edge-vpr convert drive.aedat4 drive.npz
@@ -50,7 +50,6 @@ def run(args: argparse.Namespace) -> None:
     from edge_vpr.files import check_output
     from edge_vpr.recordings import write_recording
     from edge_vpr.reference_map import KIND
-    from edge_vpr_tools.inputs import open_from, watched
 
     check_output(args.output, [args.input])
     if archive_kind(args.input) == KIND:

@@ -8,8 +8,8 @@ from pathlib import Path
 from shlex import quote
 from typing import TYPE_CHECKING, Any
 
-from edge_vpr_tools.cli import VerbParser, command_of
-from edge_vpr_tools.console import Verbosity, say, status, table, verbosity
+from edge_vpr_tools import cli
+from edge_vpr_tools.console import say, status, table, with_progress
 from edge_vpr_tools.flags import add_output_flags
 
 if TYPE_CHECKING:
@@ -42,10 +42,9 @@ _TRACKS = ("reference_track.csv", "query_track.csv")
 
 def _evaluate(folder: Path) -> None:
     """Evaluate as a user would, so that `edge-vpr replay` finds the truth."""
-    words = [str(folder), "--ground-truth", *(str(folder / track) for track in _TRACKS)]
-    words += ["--tolerance", f"{_TOLERANCE_M:g}"]
-    with verbosity(Verbosity.QUIET, ["evaluate", *words]):
-        command_of("evaluate").run(VerbParser("evaluate").parse(words))
+    tracks = [str(folder / track) for track in _TRACKS]
+    words = [str(folder), "--ground-truth", *tracks, "--tolerance", f"{_TOLERANCE_M:g}"]
+    cli.run(["evaluate", *words, "--quiet"])
 
 
 def run(args: argparse.Namespace) -> None:
@@ -53,13 +52,13 @@ def run(args: argparse.Namespace) -> None:
     from edge_vpr import results
     from edge_vpr.evaluation.track_files import save_track
     from edge_vpr.reference_map import ReferenceMap
-    from edge_vpr_tools.inputs import demo_drives, with_progress
+    from edge_vpr.simulation import simulate_pair
     from edge_vpr_tools.report.verdict import outcome_of
 
     output = Path(args.output)
     output.absolute().parent.mkdir(parents=True, exist_ok=True)
     results.check_output_folder(output, args.overwrite)
-    first, second = demo_drives()
+    first, second = simulate_pair()  # `replay` drives them once more
     first.keep(partial(with_progress, label="simulating the reference drive"))
     label = "simulating the query drive: other speed, other light, other traffic"
     second.keep(partial(with_progress, label=label))

@@ -97,8 +97,8 @@ def run(args: argparse.Namespace) -> None:
     from edge_vpr.evaluation.tracks import with_positions
     from edge_vpr.files import read_json
     from edge_vpr.results import json_text, write_json
-    from edge_vpr_tools.report.page import MISSED
     from edge_vpr_tools.report.traverse import (
+        MISSED,
         evaluated,
         other_figures,
         tolerance_table,
@@ -152,7 +152,7 @@ def run(args: argparse.Namespace) -> None:
     if route is None and truth.tracks is not None:
         route = with_positions(reference, truth.tracks[0]).route
     write_report(
-        folder, result, outcome, args.figures, facts,
+        folder, result, results.read_run(folder), outcome, args.figures, facts,
         route=route, warnings=warnings_so_far(), tolerances=by_tolerance,
     )  # fmt: skip
     write_json(folder / results.METRICS, metrics)

@@ -7,8 +7,8 @@ from dataclasses import asdict, dataclass, field, replace
 from typing import TYPE_CHECKING
 
 from edge_vpr.errors import RecordingError, UsageError
-from edge_vpr_tools.console import print_facts, summary
-from edge_vpr_tools.flags import add_reading_arguments, add_track_offset_flag
+from edge_vpr_tools.console import print_facts, summary, watched
+from edge_vpr_tools.flags import add_reading_arguments, add_track_offset_flag, open_from
 
 if TYPE_CHECKING:
     from edge_vpr.recordings import Faults, Recording
@@ -109,7 +109,6 @@ def run(args: argparse.Namespace) -> None:
     from edge_vpr.recordings.reading import SensorNotStated
     from edge_vpr.reference_map import KIND, ReferenceMap
     from edge_vpr.results import json_text
-    from edge_vpr_tools.inputs import open_from, watched
 
     if archive_kind(args.recording) == KIND:
         if args.track is not None:

@@ -20,6 +20,7 @@ from edge_vpr_tools.console import (
     summary,
     warn_of_few_places,
     warning,
+    watched,
 )
 from edge_vpr_tools.flags import (
     add_gap_flag,
@@ -32,6 +33,7 @@ from edge_vpr_tools.flags import (
     map_flags,
     map_settings,
     match_flags,
+    open_source,
 )
 
 if TYPE_CHECKING:
@@ -111,7 +113,6 @@ def run(args: argparse.Namespace) -> None:
     from edge_vpr.files import check_new_file, check_new_map
     from edge_vpr.reference_map import KIND, ReferenceMap
     from edge_vpr.results import json_text, run_record, to_json, write_json
-    from edge_vpr_tools.inputs import open_source, watched
 
     output = Path(args.output)
     # a map is read whole before it is written
@@ -212,9 +213,8 @@ def _mapped(
     """Return the map of the reference drive, and the time that it took in seconds."""
     from edge_vpr.compiling import working_s
     from edge_vpr.reference_map import ReferenceMap
-    from edge_vpr_tools.inputs import watched
 
-    detail_settings(settings.to_dict())
+    detail_settings(settings)
     start = working_s()
     reference = ReferenceMap.build(
         watched(recording, "mapping"), settings, pixel_map=args.pixel_map,

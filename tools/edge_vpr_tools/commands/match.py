@@ -17,6 +17,7 @@ from edge_vpr_tools.console import (
     print_facts,
     summary,
     warn_of_few_places,
+    watched,
 )
 from edge_vpr_tools.flags import (
     add_figures_flag,
@@ -25,6 +26,7 @@ from edge_vpr_tools.flags import (
     add_output_flags,
     add_reading_arguments,
     add_window_argument,
+    open_source,
     with_match_flags,
 )
 
@@ -96,7 +98,6 @@ def run(args: argparse.Namespace) -> None:
     from edge_vpr.reference_map import KIND as MAP_KIND
     from edge_vpr.reference_map import ReferenceMap
     from edge_vpr.route import length_m
-    from edge_vpr_tools.inputs import open_source, watched
     from edge_vpr_tools.report.verdict import outcome_of
 
     output = Path(args.output)
@@ -121,7 +122,7 @@ def run(args: argparse.Namespace) -> None:
     if args.every is not None and not args.online:
         raise UsageError("--every says when to match online: add --online, or leave it out")
     odometry = None if args.odometry is None else load_odometry(args.odometry)
-    detail_settings(with_flags.settings.to_dict())
+    detail_settings(with_flags.settings)
     recording = open_source(args, args.recording, reference.camera)
     result = reference.match(
         watched(recording, "localising" if args.online else "counting"),
@@ -141,11 +142,11 @@ def run(args: argparse.Namespace) -> None:
         remarks.append(of_part(recording, odometry).beside(matches.time_us, route_m))
     outcome, facts = outcome_of(result.reference, matches), result.facts()
     with results.results_folder(output, args.overwrite) as folder:
-        result.write(folder, inputs)
+        run = result.write(folder, inputs)
         if not args.no_figures:
             from edge_vpr_tools.report.traverse import write_report
 
-            write_report(folder, result, outcome, args.figures, facts, remarks=remarks)
+            write_report(folder, result, run, outcome, args.figures, facts, remarks=remarks)
     if args.json:
         print(results.json_text({} if metrics is None else metrics))
     summary(f"{output}: {outcome.sentence}")

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from edge_vpr.errors import UsageError
-from edge_vpr_tools.console import handled, summary
+from edge_vpr_tools.console import handled, summary, with_progress
 from edge_vpr_tools.flags import add_json_flag, add_output_flags
 
 if TYPE_CHECKING:
@@ -71,7 +71,6 @@ def load_of(args: argparse.Namespace) -> Load:
     from edge_vpr.recordings import open_recording
     from edge_vpr.reference_map import ReferenceMap
     from edge_vpr.simulation import simulate_pair
-    from edge_vpr_tools.inputs import with_progress
     from edge_vpr_tools.profile.workload import Load
 
     if args.map is None:

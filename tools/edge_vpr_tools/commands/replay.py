@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 from edge_vpr.errors import UsageError
 from edge_vpr_tools.cli import VerbParser, find_verb
 from edge_vpr_tools.console import note, status, summary
-from edge_vpr_tools.flags import add_output_flags
+from edge_vpr_tools.flags import add_output_flags, open_source
 
 if TYPE_CHECKING:
     from edge_vpr.descriptors.published import PublishedWindows
@@ -87,10 +87,10 @@ class RecordedInputs:
         UsageError
             If the run was not of `edge-vpr match`, or the recording has moved or changed.
         """
-        from edge_vpr_tools.inputs import demo_drives, open_source
-
         if self._verb == "demo":
-            return demo_drives()[1]
+            from edge_vpr.simulation import simulate_pair
+
+            return simulate_pair()[1]
         if self._args is None:
             raise UsageError(
                 f"{what} needs the recording, which the record of this run does not name: replay "

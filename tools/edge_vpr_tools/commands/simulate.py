@@ -6,7 +6,7 @@ import argparse
 from dataclasses import asdict, replace
 from pathlib import Path
 
-from edge_vpr_tools.console import summary
+from edge_vpr_tools.console import summary, with_progress
 from edge_vpr_tools.flags import add_output_flags
 
 SENSORS = ("default", "tiny", "davis346", "speck")
@@ -60,7 +60,6 @@ def run(args: argparse.Namespace) -> None:
     from edge_vpr.results import RUN, check_output_folder, results_folder, run_record, write_json
     from edge_vpr.simulation import QUERY, REFERENCE, simulate_pair
     from edge_vpr.simulation.drive import wheel_odometry
-    from edge_vpr_tools.inputs import with_progress
 
     output = Path(args.output)
     check_output_folder(output, args.overwrite)

@@ -17,6 +17,7 @@ from matplotlib.collections import LineCollection, PathCollection
 from matplotlib.colors import ListedColormap
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
+from matplotlib.ticker import MaxNLocator
 
 from edge_vpr.descriptors.windows import Descriptors
 from edge_vpr.evaluation.calibration import Reliability
@@ -27,7 +28,6 @@ from edge_vpr.matching.matches import Matches
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.route import Route
 from edge_vpr_tools.console import number_of
-from edge_vpr_tools.report.page import FINDABLE
 from edge_vpr_tools.report.style import (
     BLACK,
     BLUE,
@@ -37,13 +37,10 @@ from edge_vpr_tools.report.style import (
     ORANGE,
     RED,
     SKY,
-    add_scale,
-    along_route,
     figure,
     legend_below,
     look,
     panels,
-    seconds,
 )
 from edge_vpr_tools.report.verdict import Bools, Outcome
 
@@ -472,6 +469,13 @@ def shown_distances(
     return total / length, strides
 
 
+#: what recall is a share of, by the name of the denominator
+FINDABLE: dict[str, str] = {
+    "rejected-correct": "queries whose best match is correct",
+    "all-with-place": "queries with a place in the map",
+}
+
+
 def precision_recall(curves: Mapping[str, Evaluation]) -> Figure:
     """Draw the precision-recall curve of each variant, with P@100R and R@99P."""
     single = len(curves) == 1
@@ -572,3 +576,68 @@ def true_cells(correct: npt.NDArray[np.bool_]) -> npt.NDArray[np.bool_]:
         widened[shift:] |= cells[:-shift]
         widened[:-shift] |= cells[shift:]
     return widened
+
+
+# Second axes of figures: seconds or metres beside the numbers of windows and places.
+
+
+_TICKS = 7
+
+
+@dataclass(frozen=True, eq=False)
+class Scale:
+    """A quantity that grows from window to window of a drive."""
+
+    #: Shape (n,): of each window, not falling; NaN where it is not known.
+    values: Floats
+    label: str  #: With the unit.
+
+    def ticks(self) -> tuple[Floats, Floats]:
+        """Return round values, and between which windows each of them was reached.
+
+        Returns
+        -------
+        positions, values : ndarray of float64, shape (m,)
+            m is 0 where fewer than two different values are known.
+        """
+        with_value = np.flatnonzero(np.isfinite(self.values))
+        values = self.values[with_value]
+        if with_value.size < 2 or values[0] == values[-1]:
+            return np.empty(0), np.empty(0)
+        round_values = MaxNLocator(_TICKS, steps=[1, 2, 5, 10]).tick_values(values[0], values[-1])
+        inside = round_values[(round_values >= values[0]) & (round_values <= values[-1])]
+        return np.interp(inside, values, with_value), inside
+
+
+def seconds(centre_us: npt.NDArray[np.int64], drive: str) -> Scale:
+    """Return the time of each window."""
+    return Scale(centre_us / 1e6, f"time of the {drive} drive (s)")
+
+
+def along_route(reference: ReferenceMap, route: Route | None) -> Scale:
+    """Return the metres to each place where a track says them, and else the seconds."""
+    if route is None:
+        return seconds(reference.places.centre_us, "reference")
+    return Scale(route.along_m, "distance along the route (m)")
+
+
+def add_scale(axes: Axes, side: str, scale: Scale) -> None:
+    """Draw a second axis; nothing is drawn where the quantity is not known.
+
+    Parameters
+    ----------
+    axes : Axes
+        With windows or places, from 0, on the opposite axis.
+    """
+    positions, values = scale.ticks()
+    if not positions.size:
+        return
+    texts = [f"{value:g}" for value in values]
+    if side == "top":
+        second = axes.secondary_xaxis("top")
+        second.set_xticks(positions, texts)
+        second.set_xlabel(scale.label)
+    else:
+        second = axes.secondary_yaxis("right")
+        second.set_yticks(positions, texts)
+        second.set_ylabel(scale.label)

@@ -18,20 +18,20 @@ from matplotlib.layout_engine import ConstrainedLayoutEngine
 
 from edge_vpr.errors import UsageError
 from edge_vpr.evaluation.metrics import Evaluation
-from edge_vpr.files import read_json
 from edge_vpr.match_result import MatchResult
-from edge_vpr.results import METRICS, results_folder, write_json
+from edge_vpr.results import METRICS, results_folder, to_json, write_json
 from edge_vpr_tools.report.figures import (
     TIME,
     WIDTH,
     RouteView,
+    along_route,
     draw_errors,
     draw_probability,
     has_probability,
     over_time,
 )
 from edge_vpr_tools.report.page import as_html
-from edge_vpr_tools.report.style import STYLE, along_route, legend_below, save
+from edge_vpr_tools.report.style import STYLE, legend_below, save
 from edge_vpr_tools.report.traverse import evaluated, write_report
 from edge_vpr_tools.report.verdict import outcome_of
 
@@ -101,11 +101,10 @@ def write(
     """Write a folder of results with its report; see `MatchResult.report`."""
     outcome = outcome_of(result.reference, result.matches, evaluation)
     with results_folder(folder, overwrite, result.inputs) as new:
-        result.write(new, result.inputs)
-        facts = result.facts(outcome.truth)
-        write_report(new, result, outcome, figures, facts)
+        run, facts = result.write(new, result.inputs), result.facts(outcome.truth)
+        write_report(new, result, run, outcome, figures, facts)
         if evaluation is not None:
-            metrics = read_json(new / METRICS, "metrics", "match again")
+            metrics = {} if result.metrics is None else to_json(result.metrics)
             metrics |= evaluated(result, outcome, evaluation, facts, ())
             write_json(new / METRICS, metrics)
 

@@ -244,18 +244,3 @@ def quantity(
     if low is not None and high is not None and low != high:
         bounds = f" ({written(low)} to {written(high)})"
     return f"{written(value)}{bounds} {prefix}{unit}"
-
-
-# Names of choices in words, for pages and figures.
-
-
-#: what recall is a share of, by the name of the denominator
-FINDABLE: dict[str, str] = {
-    "rejected-correct": "queries whose best match is correct",
-    "all-with-place": "queries with a place in the map",
-}
-#: when recall counts a query as missed, by the name of the denominator
-MISSED: dict[str, str] = {
-    "rejected-correct": "rejected although its best match was correct",
-    "all-with-place": "in the map but not found",
-}

@@ -30,7 +30,13 @@ from edge_vpr.odometry import Odometry
 from edge_vpr.recordings.reading import EventSource
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.route import Route
-from edge_vpr_tools.report.figures import Window, dot_sizes, draw_window, total_counts
+from edge_vpr_tools.report.figures import (
+    Window,
+    along_route,
+    dot_sizes,
+    draw_window,
+    total_counts,
+)
 from edge_vpr_tools.report.style import (
     BLACK,
     BLUE,
@@ -39,7 +45,6 @@ from edge_vpr_tools.report.style import (
     ORANGE,
     RED,
     SKY,
-    along_route,
     panels,
 )
 from edge_vpr_tools.report.verdict import Outcome, outcome_of

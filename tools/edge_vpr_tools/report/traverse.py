@@ -16,12 +16,13 @@ from edge_vpr.evaluation.metrics import Evaluation
 from edge_vpr.match_result import MatchResult
 from edge_vpr.matching.matches import Matches
 from edge_vpr.reference_map import ReferenceMap
-from edge_vpr.results import REPORT, read_run, run_record
+from edge_vpr.results import REPORT, RunRecord, run_record
 from edge_vpr.route import Route
 from edge_vpr_tools.console import places_text
 from edge_vpr_tools.report.figures import (
     RouteView,
     Window,
+    along_route,
     distance_matrix,
     over_time,
     precision_recall,
@@ -30,15 +31,20 @@ from edge_vpr_tools.report.figures import (
     total_counts,
     windows_side_by_side,
 )
-from edge_vpr_tools.report.page import MISSED, Page, add_run
+from edge_vpr_tools.report.page import Page, add_run
 from edge_vpr_tools.report.spreadsheets import write_spreadsheet
-from edge_vpr_tools.report.style import along_route, save
+from edge_vpr_tools.report.style import save
 from edge_vpr_tools.report.verdict import Outcome
 
 #: file with the points of the precision-recall curve
 CURVE = "precision_recall.csv"
 #: wrong matches whose windows are shown
 MOST_WINDOWS = 5
+#: when recall counts a query as missed, by the name of the denominator
+MISSED: dict[str, str] = {
+    "rejected-correct": "rejected although its best match was correct",
+    "all-with-place": "in the map but not found",
+}
 
 
 Picture = tuple[bytes, str]  # SVG and caption
@@ -56,6 +62,7 @@ class Section(NamedTuple):
 def write_report(
     folder: Path,
     result: MatchResult,
+    run: RunRecord,
     outcome: Outcome,
     formats: Sequence[str],
     facts: Mapping[str, str],
@@ -69,6 +76,8 @@ def write_report(
 
     Parameters
     ----------
+    run : RunRecord
+        Of the matching.
     formats : sequence of str
         Of `report.FORMATS`: each figure is also written in each.
     facts : mapping of str to str
@@ -82,7 +91,7 @@ def write_report(
     remarks : sequence of str
         Sentences about the inputs, shown below the verdict.
     """
-    truth, run = outcome.truth, read_run(folder)
+    truth = outcome.truth
     route = result.reference.route if route is None else route
     sections = _drawn(folder, formats, result, outcome, route, tolerances)
     page = Page("edge-vpr: matches of a drive")
