@@ -60,7 +60,9 @@ def walks(tmp_path_factory):
 
 #: sequences of 20 windows, sequences of 5 at four times the speed, drives that are aligned, and
 #: tolerances that most pairs of a short street are within
-LONG = ("rivals", "fixed-number", "several-drives", "calibration", "places-per-window")
+LONG = (
+    "rivals", "fixed-number", "several-drives", "calibration", "places-per-window", "robustness",
+)  # fmt: skip
 
 
 @pytest.mark.filterwarnings("ignore::edge_vpr.errors.EdgeVprWarning")  # noise is no route

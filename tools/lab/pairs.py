@@ -45,6 +45,9 @@ Truths = Mapping[str, TruthOf]
 #: name of simulated streets in tables of several experiments, and largest distance of a correct
 #: match along them, in metres
 SIMULATED, TOLERANCE_M = "simulated streets", 10.0
+#: Trust compares the best place with those outside the exclusion zone of 3 windows, so that it
+#: can only indicate larger errors: a little over 3 windows of a second at 6 m/s, in metres.
+TRUSTED_M = 20.0
 
 
 def truth_of_tracks(reference: Track, query: Track, tolerance_m: float) -> TruthOf:

@@ -34,7 +34,7 @@ from edge_vpr.simulation import QUERY, REFERENCE, Light, SimulatedRecording, sim
 from lab.drives import STREETS, Second, second_drive
 from lab.loop import Draw, Drives, Experiment, Row
 from lab.nulls import scrambled
-from lab.pairs import MappedPair, truth_of_tracks
+from lab.pairs import TRUSTED_M, MappedPair, truth_of_tracks
 from lab.shipped_tables import (
     MATCHINGS,
     NAMES,
@@ -63,9 +63,6 @@ from lab.spliced import (
 #: streets from here on are those on which the rules of the filter were chosen, too; those of the
 #: evaluation chose nothing
 FIRST_SEED, FIRST_UNSEEN = 20, 1_000
-#: Trust compares the best place with those outside the exclusion zone of 3 windows, so that it
-#: can only indicate larger errors: a little over 3 windows of a second at 6 m/s.
-TOLERANCE_M = 20.0
 PIXELS = (25, 150)
 WINDOWS = ("time", "count")
 QUERIES: dict[str, Second] = {
@@ -136,7 +133,7 @@ def driven(
                 some = counted(drive)
                 first_us = some.start_us[np.maximum(np.arange(len(some)) - parts + 1, 0)]
                 centre_us = first_us + (some.end_us - first_us) // 2
-                truth_of = truth_of_tracks(street.reference.track, drive.track, TOLERANCE_M)
+                truth_of = truth_of_tracks(street.reference.track, drive.track, TRUSTED_M)
                 truth = truth_of(mapped.places.centre_us, centre_us)
                 yield MappedPair(mapped, some, truth), away
 
