@@ -102,23 +102,22 @@ class Aedat2Source(Source):
                 f"{path} was recorded by the chip {chip}, whose addresses are not known here: "
                 "convert it with jAER or DV to AEDAT 4"
             )
-        self._sensor = size or options.sensor or options.default.sensor or Sensor(0, 0)
-        if self._sensor not in _CHIPS.values():
+        sensor = size or options.sensor or options.default.sensor
+        if sensor not in _CHIPS.values():
             sensors = ", ".join(sorted({str(each) for each in _CHIPS.values()}))
             raise UsageError(
                 f"{path} does not name the chip that recorded it: pass sensor=, one of {sensors}, "
                 "of which 128x128 is a DVS128 and each other one a DAVIS"
             )
         # without a name, 128x128 is the older and far more common chip
-        self._layout = (
-            _DAVIS if "davis" in chip.lower() or self._sensor != _DVS128_SIZE else _DVS128
-        )
+        self._layout = _DAVIS if "davis" in chip.lower() or sensor != _DVS128_SIZE else _DVS128
         super().__init__(path, options, size)
 
     def chunks(self, log: FaultLog) -> Iterator[Columns]:
         """Yield the events; see :class:`Source`."""
         layout = self._layout
-        right, top = self._sensor.width - 1, self._sensor.height - 1
+        assert self.sensor is not None  # of a chip
+        right, top = self.sensor.width - 1, self.sensor.height - 1
         n = self.options.chunk_events
         for address, t, position in read_pairs(self._file, n, log):
             self.position = position
