@@ -6,7 +6,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
-from edge_vpr_tools.report.style import CYCLE, GREY, legend_below, look, name_label, panels
+from edge_vpr_tools.report.style import CYCLE, GREY, legend_below, name_label, panels
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
@@ -17,6 +17,8 @@ _COLUMNS, _COLUMNS_OF_DOTS = 3, 4
 #: least space between labelled ticks, as a share of the axis
 _APART = 0.08
 _MARKERS = "osD^vP"
+#: 7 colours and 5 dashes make 35 different curves, which are distinguishable where they overlap
+_DASHES = ("-", "--", "-.", ":", (0, (5, 1, 1, 1)))
 
 
 def dots(rows: Rows, measure: str, row: str, series: str) -> Figure:
@@ -116,8 +118,11 @@ def lines(
                 points = [(at, _values(each, y)) for at, each in _by(those, x)]
                 points = [(at, values) for at, values in points if values]
                 if points:
-                    style = look(names.index(name))
-                    _mean_line(axes, *zip(*points, strict=True), label=_title(name), **style)
+                    i = names.index(name)
+                    _mean_line(
+                        axes, *zip(*points, strict=True), label=_title(name),
+                        color=CYCLE[i % len(CYCLE)], linestyle=_DASHES[i % len(_DASHES)],
+                    )  # fmt: skip
             _log_ticks(axes, sorted({row[x] for row in of if row.get(y) is not None}))
             if mark is not None:
                 axes.axvline(mark, color=GREY, linewidth=1, zorder=0)

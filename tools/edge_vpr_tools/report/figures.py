@@ -6,7 +6,6 @@ show in a notebook.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -31,7 +30,6 @@ from edge_vpr_tools.console import number_of
 from edge_vpr_tools.report.style import (
     BLACK,
     BLUE,
-    CYCLE,
     GREEN,
     GREY,
     ORANGE,
@@ -39,7 +37,6 @@ from edge_vpr_tools.report.style import (
     SKY,
     figure,
     legend_below,
-    look,
     panels,
 )
 from edge_vpr_tools.report.verdict import Bools, Outcome
@@ -233,13 +230,14 @@ def has_probability(outcome: Outcome) -> bool:
     return bool(np.isfinite(outcome.matches.probability).any())
 
 
-def draw_errors(axes: Axes, outcome: Outcome, place: Floats | None = None, label: str = "") -> None:
+def draw_errors(axes: Axes, outcome: Outcome, scale: Scale | None) -> None:
     """Draw the error of each match over time, or else its place; see `over_time`."""
     errors = outcome.errors
     if errors is None or outcome.truth is None:
-        shown = outcome.matches.place.astype(np.float64) if place is None else place
+        place = outcome.matches.place
+        shown = place.astype(np.float64) if scale is None else scale.values[place]
         draw_outcomes(axes, outcome.time_s, shown, outcome)
-        axes.set(ylabel=label or "place")
+        axes.set(ylabel="place" if scale is None else scale.label)
     else:
         draw_outcomes(axes, outcome.time_s, errors, outcome)
         _error_axis(axes, outcome.truth, errors[outcome.correct | outcome.wrong])
@@ -255,18 +253,17 @@ def draw_probability(axes: Axes, outcome: Outcome) -> None:
 TIME = "time of the query (s)"
 
 
-def over_time(outcome: Outcome, place: Floats | None = None, label: str = "") -> Figure:
+def over_time(outcome: Outcome, scale: Scale | None = None) -> Figure:
     """Draw the error of each match over time, or else its place, and below it the probability.
 
     Parameters
     ----------
-    place : ndarray of float64, shape (n,), optional
-        Position of each matched place along the route, needed before an evaluation; by default its
-        number.
+    scale : Scale, optional
+        Where the places are along the route, shown before an evaluation; by default their numbers.
     """
     rated = has_probability(outcome)
     with panels(1 + rated, 1, WIDTH, 4.3 + 2.0 * rated, sharex=True) as (drawing, rows):
-        draw_errors(rows[0, 0], outcome, place, label)
+        draw_errors(rows[0, 0], outcome, scale)
         if rated:
             draw_probability(rows[1, 0], outcome)
         drawing.suptitle(outcome.title, fontsize=12)
@@ -476,62 +473,47 @@ FINDABLE: dict[str, str] = {
 }
 
 
-def precision_recall(curves: Mapping[str, Evaluation]) -> Figure:
-    """Draw the precision-recall curve of each variant, with P@100R and R@99P."""
-    single = len(curves) == 1
-    with figure(WIDTH if single else 7.5, 4.2 if single else 5.2) as (drawing, axes):
-        for i, (name, evaluation) in enumerate(curves.items()):
-            axes.step(
-                evaluation.curve.recall,
-                evaluation.curve.precision,
-                where="pre",  # as R@99P and average precision count it
-                **look(i),
-                lw=2,
-                label=f"{name}\nP@100R {evaluation.precision_at_100_recall:.3f}, "
-                f"R@99P {evaluation.recall_at_99_precision:.3f}",
-            )
+def precision_recall(evaluation: Evaluation, name: str) -> Figure:
+    """Draw the precision-recall curve of the matches of a name, with P@100R and R@99P."""
+    curve = evaluation.curve
+    least = min(0.9, float(curve.precision.min()))
+    with figure(WIDTH, 4.2) as (drawing, axes):
+        axes.step(
+            curve.recall,
+            curve.precision,
+            where="pre",  # as R@99P and average precision count it
+            color=BLUE,
+            lw=2,
+            label=f"{name}\nP@100R {evaluation.precision_at_100_recall:.3f}, "
+            f"R@99P {evaluation.recall_at_99_precision:.3f}",
+        )
         axes.axhline(0.99, color="gray", lw=0.8)
-        some = next(iter(curves.values()))
-        number = f"{some.findable:,} " if single else ""
+        of = FINDABLE[evaluation.recall_denominator]
         axes.set(
-            title=f"Thresholds on the {some.score}",
-            xlabel=f"recall, of the {number}{FINDABLE[some.recall_denominator]}",
+            title=f"Thresholds on the {evaluation.score}",
+            xlabel=f"recall, of the {evaluation.findable:,} {of}",
             ylabel="precision",
             xlim=(0, 1.01),
-            ylim=(0, 1.03),
+            ylim=(max(0.0, least - 0.1 * (1 - least)), 1 + 0.03 * (1 - least)),
         )
-        if single:
-            least = min(0.9, float(some.curve.precision.min()))
-            axes.set_ylim(max(0.0, least - 0.1 * (1 - least)), 1 + 0.03 * (1 - least))
-            legend_below(drawing, [axes], 1, fontsize=9)
-        else:
-            axes.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0), fontsize=9)
+        legend_below(drawing, [axes], 1, fontsize=9)
     return drawing
 
 
-def reliability_diagram(curves: Mapping[str, Reliability]) -> Figure:
-    """Draw the share of correct matches against their stated probability.
-
-    Parameters
-    ----------
-    curves : mapping of str to Reliability
-        By what the matches are; the name is not shown if there is only one.
-    """
+def reliability_diagram(reliability: Reliability) -> Figure:
+    """Draw the share of correct matches against their stated probability."""
+    matches = reliability.matches
     with figure(WIDTH, 4.8) as (drawing, axes):
         axes.plot([0, 1], [0, 1], color="gray", lw=0.8, label="probability equals share")
-        for (name, one), colour in zip(curves.items(), CYCLE, strict=False):
-            axes.plot(one.probability, one.right, color=colour, lw=1.5)
-            sizes = 15 + 285 * one.matches / one.matches.max()
-            among = number_of(len(one.matches), "bin")
-            label = f"{number_of(int(one.matches.sum()), 'match')} in {among}, larger: more"
-            if len(curves) > 1:
-                matches = number_of(int(one.matches.sum()), "match")
-                label = f"{name}: {matches}, error {_error(one)}"
-            axes.scatter(one.probability, one.right, s=sizes, color=colour, label=label)
-        single = next(iter(curves.values())) if len(curves) == 1 else None
+        axes.plot(reliability.probability, reliability.right, color=BLUE, lw=1.5)
+        axes.scatter(
+            reliability.probability, reliability.right, s=15 + 285 * matches / matches.max(),
+            color=BLUE, label=f"{number_of(int(matches.sum()), 'match')} in "
+            f"{number_of(len(matches), 'bin')}, larger: more",
+        )  # fmt: skip
+        error = reliability.expected_calibration_error
         axes.set(
-            title="Reliability: expected calibration error"
-            + (", larger dots: more" if single is None else f" {_error(single)}"),
+            title=f"Reliability: expected calibration error {error:.3f}",
             xlabel="probability of being correct",
             ylabel="share of correct matches",
             xlim=(0, 1.02),
@@ -539,10 +521,6 @@ def reliability_diagram(curves: Mapping[str, Reliability]) -> Figure:
         )
         legend_below(drawing, [axes], 1, fontsize=9)
     return drawing
-
-
-def _error(reliability: Reliability) -> str:
-    return f"{reliability.expected_calibration_error:.3f}"
 
 
 def _truth_band(axes: Axes, truth: GroundTruth) -> None:

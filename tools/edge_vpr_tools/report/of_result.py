@@ -43,11 +43,10 @@ def plot(
     outcome = outcome_of(result.reference, result.matches, evaluation)
     view = RouteView.of(result.reference, outcome, result.reference.route)
     scale = along_route(result.reference, result.reference.route)
-    place = scale.values[result.matches.place]
     panels: list[Callable[[Axes], None]] = []
     if view is not None:
         panels.append(lambda on: view.draw(on, outcome))
-    panels.append(lambda on: draw_errors(on, outcome, place, scale.label))
+    panels.append(lambda on: draw_errors(on, outcome, scale))
     if has_probability(outcome):
         panels.append(lambda on: draw_probability(on, outcome))
     if axes is None:

@@ -15,6 +15,7 @@ from edge_vpr.files import replacing
 from edge_vpr.results import RunRecord, json_text
 from edge_vpr.settings import setting_words
 
+_TEMPLATES = Path(__file__).parent / "templates"
 #: pixels of a browser in a point of a figure
 _PIXELS = 96 / 72
 #: figures are enlarged by this on a screen that is wide enough
@@ -123,30 +124,15 @@ class Page:
             if each.title
         )
         menu = f'<nav aria-label="Sections">\n{links}</nav>\n' if len(sections) > 2 else ""
-        text = fill(
-            "page.html",
+        text = Template((_TEMPLATES / "page.html").read_text(encoding="utf-8")).substitute(
             title=as_html(self._title),
             menu=menu,
             sections="".join(each.html() for each in sections),
+            style=(_TEMPLATES / "page.css").read_text(encoding="utf-8").removesuffix("\n"),
+            version=__version__,
         )
         with replacing(path) as temporary:
             temporary.write_text(text, encoding="utf-8")
-
-
-def fill(name: str, **values: str) -> str:
-    """Return a page of ``templates`` with values in its places, which are HTML already.
-
-    Parameters
-    ----------
-    name : str
-        File of the page.
-    **values : str
-        By the names of the places, without those of the style and the version.
-    """
-    folder = Path(__file__).parent / "templates"
-    style = (folder / "page.css").read_text(encoding="utf-8").removesuffix("\n")
-    page = Template((folder / name).read_text(encoding="utf-8"))
-    return page.substitute(values, style=style, version=__version__)
 
 
 def as_html(text: str) -> str:

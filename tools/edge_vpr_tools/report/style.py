@@ -31,8 +31,6 @@ BLUE, ORANGE, GREEN, RED, PURPLE, SKY, BLACK = (
 #: less important elements, on white and on black background
 GREY = "#808080"
 CYCLE = (BLUE, ORANGE, GREEN, RED, PURPLE, SKY, BLACK)
-#: 7 colours and 5 dashes make 35 different curves, which are distinguishable where they overlap
-DASHES = ("-", "--", "-.", ":", (0, (5, 1, 1, 1)))
 
 #: dots per inch, in a vector format those of images
 _DPI = 130
@@ -76,11 +74,6 @@ def legend_below(drawing: Figure, shown: Iterable[Axes], columns: int, **options
     drawing.legend(
         list(entries.values()), list(entries), loc="outside lower center", ncols=columns, **options
     )
-
-
-def look(i: int) -> dict[str, Any]:
-    """Return colour and dashes of the i-th curve of a figure."""
-    return {"color": CYCLE[i % len(CYCLE)], "linestyle": DASHES[i % len(DASHES)]}
 
 
 def name_label(name: str) -> str:

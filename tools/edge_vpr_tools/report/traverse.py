@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -47,18 +47,6 @@ MISSED: dict[str, str] = {
 }
 
 
-Picture = tuple[bytes, str]  # SVG and caption
-
-
-class Section(NamedTuple):
-    """A section of the report: its tables stand above its pictures."""
-
-    heading: str
-    pictures: list[Picture]
-    text: str = ""
-    tables: Sequence[tuple[Sequence[str], Iterable[Sequence[str]]]] = ()
-
-
 def write_report(
     folder: Path,
     result: MatchResult,
@@ -93,7 +81,6 @@ def write_report(
     """
     truth = outcome.truth
     route = result.reference.route if route is None else route
-    sections = _drawn(folder, formats, result, outcome, route, tolerances)
     page = Page("edge-vpr: matches of a drive")
     page.verdict(outcome.sentence)
     for text in (*(run.warnings or ()), *warnings):
@@ -106,15 +93,7 @@ def write_report(
         page.text(f"Ground truth: {truth.description}.")
     page.text(_described(result.reference, outcome.matches))
     page.table(("drive", "facts"), facts.items())
-    for section in sections:
-        if section.heading:
-            page.heading(section.heading)
-        if section.text:
-            page.text(section.text)
-        for table in section.tables:
-            page.table(*table)
-        for picture in section.pictures:
-            page.picture(*picture)
+    _add_figures(page, folder, formats, result, outcome, route, tolerances)
     add_run(page, run)
     page.write(folder / REPORT)
 
@@ -136,29 +115,27 @@ def evaluated(
     }
 
 
-def _drawn(
+def _add_figures(
+    page: Page,
     folder: Path,
     formats: Sequence[str],
     result: MatchResult,
     outcome: Outcome,
     route: Route | None,
     tolerances: Mapping[str, Evaluation],
-) -> list[Section]:
-    """Draw all figures, and write them in each format; return the sections that they stand in."""
+) -> None:
+    """Draw all figures, write them in each format, and add them to the page in their sections."""
     reference, evaluation, matches = result.reference, outcome.evaluation, outcome.matches
 
-    def drawn(name: str, drawing: Figure, caption: str) -> Picture:
-        return save(drawing, *(folder / f"{name}.{kind}" for kind in formats)), caption
+    def add(name: str, drawing: Figure, caption: str) -> None:
+        page.picture(save(drawing, *(folder / f"{name}.{kind}" for kind in formats)), caption)
 
-    pictures = []
     view = RouteView.of(reference, outcome, route)
     if view is not None:
-        pictures.append(drawn("route", view.figure(outcome), view.caption))
-    scale = along_route(reference, route)
-    over = over_time(outcome, scale.values[matches.place], scale.label)
+        add("route", view.figure(outcome), view.caption)
+    over = over_time(outcome, along_route(reference, route))
     upper = "How far each match is from the true place" if outcome.truth else "The place"
-    pictures.append(drawn("matches", over, f"{upper}, and how probable it is to be correct."))
-    sections = [Section("", pictures)]
+    add("matches", over, f"{upper}, and how probable it is to be correct.")
     windows, at = result.queries, matches.query
     if windows is None:  # of a drive that was matched event by event: the last before each match
         windows = result.windows
@@ -166,17 +143,21 @@ def _drawn(
             before = np.searchsorted(windows.end_us, matches.time_us, side="right") - 1
             at = np.maximum(before, 0)
     if windows is not None and outcome.wrong.any():
-        pictures = _wrong_windows(reference, windows, at, outcome)
-        text = (
+        page.heading("The worst matches")
+        page.text(
             "What the selected pixels counted: in the query, at the place that was matched, and at "
             "the correct place. Larger dots: more events."
         )
-        sections.append(Section("The worst matches", pictures, text))
+        for drawing, caption in _wrong_windows(reference, windows, at, outcome):
+            page.picture(save(drawing), caption)
     if evaluation is not None:
+        page.heading("Metrics")
+        page.table(("figure", "value", "what it says"), _figures_of(evaluation))
+        if len(tolerances) > 1:
+            page.table(*tolerance_table(tolerances))
         name = f"{len(reference.pixel_map)} pixels, {reference.settings.strategy}"
-        curve = precision_recall({name: evaluation})
         text = f"Precision against recall, one step for each threshold; {CURVE} has the points."
-        pictures = [drawn("precision_recall", curve, text)]
+        add("precision_recall", precision_recall(evaluation, name), text)
         columns = evaluation.curve_columns()
         points = zip(*(column.tolist() for column in columns.values()), strict=True)
         cells = [[value if np.isfinite(value) else None for value in row] for row in points]
@@ -186,18 +167,14 @@ def _drawn(
                 "Above the line, matches are correct more often than their probability says; "
                 "below, less often."
             )
-            diagram = reliability_diagram({"": evaluation.reliability})
-            pictures.append(drawn("reliability", diagram, text))
-        several = [tolerance_table(tolerances)] if len(tolerances) > 1 else []
-        figures = (("figure", "value", "what it says"), _figures_of(evaluation))
-        sections.append(Section("Metrics", pictures, tables=(figures, *several)))
+            add("reliability", reliability_diagram(evaluation.reliability), text)
     if result.queries is not None:
+        page.heading("Distances")
         matrix = distance_matrix(reference, result.queries, outcome, route)
-        picture = drawn("distance_matrix", matrix, "Dark is near.")
-        sections.append(Section("Distances", [picture]))
+        add("distance_matrix", matrix, "Dark is near.")
+    page.heading("Pixels")
     text = "Where the sensor sees change that differs from place to place."
-    picture = drawn("pixels", selected_pixels(reference), text)
-    return [*sections, Section("Pixels", [picture])]
+    add("pixels", selected_pixels(reference), text)
 
 
 def _described(reference: ReferenceMap, matches: Matches) -> str:
@@ -213,8 +190,8 @@ def _described(reference: ReferenceMap, matches: Matches) -> str:
 
 def _wrong_windows(
     reference: ReferenceMap, queries: Descriptors, at: npt.NDArray[np.integer], outcome: Outcome
-) -> list[Picture]:
-    """Draw the windows of the worst matches, first one of each part of the drive.
+) -> Iterator[tuple[Figure, str]]:
+    """Draw the windows of the worst matches, with captions: first one of each part of the drive.
 
     `at` says which of the queries belongs to each match.
     """
@@ -230,7 +207,7 @@ def _wrong_windows(
     def shown(title: str, drive: Descriptors, window: int) -> Window:
         return Window(title, total_counts(reference, drive.take(np.array([window])))[0])
 
-    unit, matches, pictures = truth.error_unit, outcome.matches, []
+    unit, matches = truth.error_unit, outcome.matches
     every_place = np.arange(len(reference))
     for number, i in enumerate(chosen, 1):
         j, k = int(matches.query[i]), int(matches.place[i])
@@ -253,8 +230,7 @@ def _wrong_windows(
             caption += f" at {outcome.precision:g})"
         if not correct.size:
             caption += "; no place of the map is correct"
-        pictures.append((save(windows_side_by_side(reference, windows)), f"{caption}."))
-    return pictures
+        yield windows_side_by_side(reference, windows), f"{caption}."
 
 
 def tolerance_table(evaluations: Mapping[str, Evaluation]) -> tuple[list[str], list[list[str]]]:
