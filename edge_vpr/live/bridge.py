@@ -5,6 +5,7 @@ Its links are the device's ends of those in `links`.
 
 from __future__ import annotations
 
+import contextlib
 import fcntl
 import math
 import os
@@ -26,6 +27,7 @@ from edge_vpr.live.links import (
     DescriptorLink,
     Link,
     LinkClosed,
+    LinkError,
     SocketLink,
     TcpLink,
     address_of,
@@ -98,6 +100,16 @@ class TcpServerLink(Link):
         """See `Link.write`."""
         host = self.accepted(timeout)
         return host.write(data, timeout) if host else 0
+
+    def drain(self, timeout: float) -> None:
+        """Wait until the host hangs up: closing with unread bytes of the host discards the rest."""
+        if self._host is None:
+            return
+        end = time.monotonic() + timeout
+        with contextlib.suppress(LinkError):
+            self._host.end()
+            while time.monotonic() < end:
+                self._host.read(0.1)
 
     def close(self) -> None:
         """See `Link.close`."""
@@ -283,7 +295,7 @@ class Bridge:
             self._put(garbage.tobytes())
             self._send(self._encoder.start(), corrupt=False)
             self._replay(recording)
-            if isinstance(self._link, VirtualLink):
+            if isinstance(self._link, VirtualLink | TcpServerLink):
                 self._link.drain(1.0 if self.stopping.is_set() else 10.0)
         except LinkClosed:
             return

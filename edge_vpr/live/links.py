@@ -312,6 +312,11 @@ class TcpLink(SocketLink):
             if option := getattr(socket, name, None):
                 sock.setsockopt(socket.IPPROTO_TCP, option, value)
 
+    def end(self) -> None:
+        """Send no more; what the other side sends can still be read."""
+        with as_link_error(self.address):
+            self._socket.shutdown(socket.SHUT_WR)
+
 
 class UdpHostLink(SocketLink):
     """A bound UDP socket, which receives from one sender at a time and cannot send.

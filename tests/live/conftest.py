@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 
 import pytest
@@ -11,6 +12,7 @@ from edge_vpr.events import Events, join_events
 from edge_vpr.recordings import write_recording
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.simulation import simulate_pair
+from tests.live.devices import Clock
 
 Street = tuple[Path, Events, Track]
 
@@ -27,6 +29,21 @@ def street_of(folder: Path, length_m: float) -> Street:
     ReferenceMap.build(first, track=first.track).save(folder / "map.npz")
     write_recording(folder / "query.npz", second)
     return folder / "map.npz", join_events(list(second)), second.track
+
+
+@pytest.fixture
+def clock(monkeypatch: pytest.MonkeyPatch) -> Clock:
+    """The time of live sessions, which goes on when the test says so."""
+    clock = Clock()
+    for name in ("odometer", "reader", "session", "state", "watches"):
+        monkeypatch.setattr(f"edge_vpr.live.{name}.time", clock)
+    return clock
+
+
+@pytest.fixture
+def greets_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A host that is held up takes its line to be silent, and an answer would be amid events."""
+    monkeypatch.setattr("edge_vpr.live.watches.GREET_S", math.inf)
 
 
 @pytest.fixture(scope="session")

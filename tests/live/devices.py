@@ -13,6 +13,8 @@ from edge_vpr.events import Events, Sensor
 from edge_vpr.live.bridge import Bridge, LineFaults, open_device_link
 from edge_vpr.live.links import Link
 from edge_vpr.live.protocols import open_encoder
+from edge_vpr.live.session import LiveSession
+from edge_vpr.matching.match import Match
 
 
 class Device(NamedTuple):
@@ -56,7 +58,7 @@ def rows_of(log: Path | str, kind: str) -> list[dict[str, Any]]:
     return [row for row in map(json.loads, text.splitlines()) if row["kind"] == kind]
 
 
-def wait_until(condition: Callable[[], object], seconds: float = 30) -> None:
+def wait_until(condition: Callable[[], object], seconds: float = 60) -> None:
     """Wait until something holds; fail if that takes too long."""
     end = time.monotonic() + seconds
     while not condition():
@@ -66,7 +68,7 @@ def wait_until(condition: Callable[[], object], seconds: float = 30) -> None:
 
 def send_all(link: Link, data: bytes) -> None:
     """Write all bytes to a link; fail if the other side takes them too slowly."""
-    end = time.monotonic() + 30
+    end = time.monotonic() + 60
     while data:
         assert time.monotonic() < end
         data = data[link.write(data, 0.5) :]
@@ -74,7 +76,102 @@ def send_all(link: Link, data: bytes) -> None:
 
 def greeted(link: Link) -> None:
     """Wait until the host has said that it is there."""
-    wait_until(lambda: link.read(0.1), 40)
+    wait_until(lambda: link.read(0.1), 120)
+
+
+class Clock:
+    """The time for a module whose `time` a test replaces; it goes on when the test says so."""
+
+    CLOCK_BOOTTIME = time.CLOCK_BOOTTIME
+
+    def __init__(self) -> None:
+        self.now_s = 1_000.0
+
+    def clock_gettime_ns(self, clock: int) -> int:
+        """As `time.clock_gettime_ns`."""
+        return round(1e9 * self.now_s)
+
+    def monotonic(self) -> float:
+        """As `time.monotonic`."""
+        return self.now_s
+
+    def time(self) -> float:
+        """As `time.time`."""
+        return 1.7e9 + self.now_s
+
+    def sleep(self, seconds: float) -> None:
+        """Be later."""
+        self.now_s += seconds
+
+
+class Pipe(Link):
+    """A link that a test fills: each read gives one piece. It knows who reads it.
+
+    Attributes
+    ----------
+    filled : int
+        Bytes so far.
+    error : Exception, optional
+        Raised once all pieces were read.
+    """
+
+    def __init__(self) -> None:
+        super().__init__("pipe")
+        self.waiting: list[bytes] = []
+        self.filled = 0
+        self.arrived = threading.Condition()
+        self.readers: list[threading.Thread] = []
+        self.within = 0
+        self.error: Exception | None = None
+
+    def fill(self, data: bytes) -> None:
+        """Let a piece arrive."""
+        with self.arrived:
+            self.waiting += [data] if data else []
+            self.filled += len(data)
+            self.arrived.notify_all()
+
+    def read(self, timeout: float) -> bytes:
+        """See `Link.read`."""
+        self.within += 1
+        assert self.within == 1, "two read at once"
+        try:
+            with self.arrived:
+                self.arrived.wait_for(lambda: self.waiting or self.error, timeout)
+                if self.error is not None and not self.waiting:
+                    raise self.error
+                if not self.waiting:
+                    return b""
+                self.readers.append(threading.current_thread())
+                return self.waiting.pop(0)
+        finally:
+            self.within -= 1
+
+    def write(self, data: bytes, timeout: float) -> int:
+        """See `Link.write`."""
+        return len(data)
+
+    def close(self) -> None:
+        """See `Link.close`."""
+        assert not self.within, "closed while it is read"
+
+
+def polled(session: LiveSession, condition: Callable[[], object]) -> list[Match]:
+    """Poll a session until something holds; return its matches."""
+    matches: list[Match] = []
+
+    def holds() -> object:
+        matches.extend(session.poll())
+        return condition()
+
+    wait_until(holds)
+    return matches
+
+
+def fed(session: LiveSession, pipe: Pipe, data: bytes) -> list[Match]:
+    """Give a session bytes that it gets in one read; return the matches until then."""
+    pipe.fill(data)
+    return polled(session, lambda: session.health.bytes == pipe.filled)
 
 
 class Playing(NamedTuple):
