@@ -21,7 +21,6 @@ from edge_vpr_tools.estimate import model as counts
 from edge_vpr_tools.estimate.fitting import (
     FIRMWARE_LIMITS,
     Budget,
-    Limits,
     Tried,
     on_target,
     recommend,
@@ -377,15 +376,15 @@ def test_a_load_that_may_not_keep_up_does_not_fit():
     m0, ice = targets.find("cortex-m0plus"), targets.find("ice40up5k")
     load = cost(SMALL, m0, RATE).load
     between = replace(RATE, events_per_s=RATE.events_per_s * 2 / (load.low + load.high))
-    device = on_target(SMALL, between, Limits(m0))
+    device = on_target(SMALL, between, m0)
     assert device.cost.load.low < 1 < device.cost.load.high
     assert device.limited_by.startswith("its speed: busy 0.")
     slow = replace(RATE, events_per_s=20_833)
     long = replace(SMALL, timestamp_bits=40)
-    assert on_target(long, slow, Limits(ice)).limited_by == ""
+    assert on_target(long, slow, ice).limited_by == ""
     slow = replace(RATE, events_per_s=20_834)
-    assert on_target(long, slow, Limits(ice)).limited_by == "its SPI line: 20,833 events/s"
-    assert on_target(SMALL, slow, Limits(ice)).limited_by == ""
+    assert on_target(long, slow, ice).limited_by == "its SPI line: 20,833 events/s"
+    assert on_target(SMALL, slow, ice).limited_by == ""
 
 
 def test_a_design_over_the_firmwares_widths_does_not_fit():
@@ -401,7 +400,7 @@ def test_a_design_over_the_firmwares_widths_does_not_fit():
         ),
     ):  # fmt: skip
         slow = replace(RATE, events_per_s=1e4)
-        assert on_target(design, slow, Limits(targets.find(name))).limited_by == limit
+        assert on_target(design, slow, targets.find(name)).limited_by == limit
 
 
 def test_the_smallest_design_that_is_as_good_is_recommended(monkeypatch):
@@ -411,7 +410,7 @@ def test_the_smallest_design_that_is_as_good_is_recommended(monkeypatch):
 
     def recommended(budget, *tried):
         monkeypatch.setattr(fitting, "tried_designs", lambda: tried)
-        return recommend(design, mission, Limits(m4, [Budget.parse(budget)]))
+        return recommend(design, mission, m4, [Budget.parse(budget)])
 
     small, large = Tried(25, 3, 1, 0.90, 0.03), Tried(150, 3, 2, 0.95, 0.02)
     best, limit, _ = recommended("1MiB", small, large)
@@ -462,7 +461,7 @@ def test_the_rovers_question_is_one_command(tmp_path, run):
 def test_places_at_whole_windows_alone_are_no_silent_answer():
     """Those at half windows, which are more correct, need too many block memories."""
     design, mission = workload_of(parsed(["--places", "1334", "--event-rate", "3e4"]))[:2]
-    recommended = recommend(design, mission, Limits(targets.find("ice40up5k")))
+    recommended = recommend(design, mission, targets.find("ice40up5k"))
     assert recommended.best.device.design.places == 667
     assert recommended.limit == "34 of 30 block memories, 2 of 4 large ones"
 
@@ -492,14 +491,14 @@ def parsed(words):
 def test_flash_and_ram_are_limits_apart():
     """Each to the byte, alone and together; an FPGA has RAM alone."""
     m4, ice = targets.find("cortex-m4"), targets.find("ice40up5k")
-    flash, ram, program = on_target(SMALL, RATE, Limits(m4)).memory
+    flash, ram, program = on_target(SMALL, RATE, m4).memory
     size, row = counts.sizes(SMALL), firmware()["cortex-m4"]
     assert (flash, program) == (size.image_bytes + row.code_bytes, row.code_bytes)
     assert ram == size.state_bytes + row.stack_bytes
 
     def broken(target, *texts):
-        limits = Limits(target, [Budget.parse(text) for text in texts])
-        return on_target(SMALL, replace(RATE, events_per_s=1e4), limits).limited_by
+        budgets = [Budget.parse(text) for text in texts]
+        return on_target(SMALL, replace(RATE, events_per_s=1e4), target, budgets).limited_by
 
     assert broken(m4, f"flash={flash}B", f"ram={ram}B", f"{flash + ram}B") == ""
     assert broken(m4, f"flash={flash}B", f"RAM={ram - 1}B") == f"RAM={ram - 1}B: {ram:,} bytes"

@@ -185,21 +185,10 @@ def add_map_flags(
     )
     group.add_argument("--config", metavar="FILE", help="TOML file with settings")
     for title in ("pixels", "windows", "counters", "cleaning"):
-        _add_flags(parser.add_argument_group(title), title, auto="tau" if fitting_window else "")
+        auto = "tau" if fitting_window else ""
+        add_setting_flags(parser.add_argument_group(title), title, auto=auto)
     default = "the map's, or for a new one {}" if of_map else ""
-    add_match_flags(parser.add_argument_group(_MATCHING_GROUP), default)
-
-
-def add_match_flags(parser: argparse._ActionsContainer, default: str = "") -> None:
-    """Add the flags of the settings of matching.
-
-    Parameters
-    ----------
-    default : str, optional
-        Text that the help shows as the default, ``{}`` in it for the value of the preset; empty
-        for that value.
-    """
-    _add_flags(parser, _MATCHING_GROUP, default)
+    add_setting_flags(parser.add_argument_group(_MATCHING_GROUP), _MATCHING_GROUP, default)
 
 
 def map_settings(args: argparse.Namespace) -> Settings:
@@ -207,6 +196,8 @@ def map_settings(args: argparse.Namespace) -> Settings:
     flags = {field.key: getattr(args, field.key) for field in SETTING_FIELDS.values()}
     if flags["hot_pixels"] not in (None, "find", "keep"):  # a file, which is read elsewhere
         flags["hot_pixels"] = "find"
+    if flags["tau"] == "auto":  # which is fitted to the map of these settings
+        flags["tau"] = None
     settings = resolve_settings(args.preset, args.config, flags, "the command line")
     _warn_of_no_effect(args, settings, SETTING_FIELDS.values())
     return settings
@@ -220,7 +211,7 @@ def map_flags(args: argparse.Namespace) -> list[str]:
 
 
 def match_flags(args: argparse.Namespace) -> dict[str, Any]:
-    """Return the given flags of `add_match_flags`, by the key of the setting."""
+    """Return the given flags of the settings of matching, by the key of the setting."""
     values = {field.key: getattr(args, field.key) for field in _of_group(_MATCHING_GROUP)}
     return {key: value for key, value in values.items() if value is not None}
 
@@ -228,7 +219,7 @@ def match_flags(args: argparse.Namespace) -> dict[str, Any]:
 def with_match_flags(
     args: argparse.Namespace, reference: ReferenceMap, *, online: bool
 ) -> ReferenceMap:
-    """Return a map with its settings changed by the flags of `add_match_flags`.
+    """Return a map with its settings changed by the flags of the settings of matching.
 
     Parameters
     ----------
@@ -264,9 +255,21 @@ def _of_group(group: str) -> Iterable[SettingField]:
     return (field for field in SETTING_FIELDS.values() if field.group == group)
 
 
-def _add_flags(
+def add_setting_flags(
     parser: argparse._ActionsContainer, group: str, default: str = "", *, auto: str = ""
 ) -> None:
+    """Add the flags of a group of settings.
+
+    Parameters
+    ----------
+    group : str
+        Such as ``matching``: settings that can be changed after a map is made.
+    default : str, optional
+        Text that the help shows as the default, ``{}`` in it for the value of the preset; empty
+        for that value.
+    auto : str
+        Key of the setting that takes the word ``auto`` too, if any does.
+    """
     for field in _of_group(group):
         preset = field.word(getattr(PRESETS[DEFAULT_PRESET], field.name))
         names = [field.flag] if field.short is None else [field.flag, field.short]

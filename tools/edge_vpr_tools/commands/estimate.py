@@ -159,15 +159,11 @@ def run(args: argparse.Namespace) -> None:
         raise UsageError(str(error)) from error
     values = {"schema": 6, "mission": mission}
     if budgets and args.map is None and args.design is None:
-        recommended = {
-            of: fitting.recommend(design, mission, fitting.Limits(of, budgets)) for of in targets
-        }
+        recommended = {of: fitting.recommend(design, mission, of, budgets) for of in targets}
         show.show_recommended(recommended, budgets, mission)
         values["recommended"] = {of.name: one for of, one in recommended.items()}
     else:
-        estimates = {
-            of: fitting.on_target(design, mission, fitting.Limits(of, budgets)) for of in targets
-        }
+        estimates = {of: fitting.on_target(design, mission, of, budgets) for of in targets}
         missions = [Mission.of(design, rate, mission.selected_share) for rate in EVENT_RATES]
         at_rates = {
             of: {each.events_per_s: cost(design, of, each) for each in missions} for of in targets

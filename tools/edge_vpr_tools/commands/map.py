@@ -140,11 +140,10 @@ def run(args: argparse.Namespace) -> None:
         _check_flags_of_a_map(args)
         reference = ReferenceMap.load(args.recording)
     else:
-        fits, args.tau = args.tau == "auto", None if args.tau == "auto" else args.tau
         settings = map_settings(args)
         recording = open_source(args, args.recording)
         track = of_drives.pop(0) if of_drives else None
-        if fits:
+        if args.tau == "auto":
             settings = _with_fitting_window(args, settings, recording, track)
         reference, seconds = _mapped(args, settings, recording, track, removed)
         drives["drive"] = Drive.of_windows(

@@ -22,9 +22,9 @@ from edge_vpr_tools.console import (
 from edge_vpr_tools.flags import (
     add_figures_flag,
     add_json_flag,
-    add_match_flags,
     add_output_flags,
     add_reading_arguments,
+    add_setting_flags,
     add_window_argument,
     open_source,
     with_match_flags,
@@ -81,7 +81,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="odometry of the query drive (CSV with time_s and distance_m or speed_mps), for a map "
         "made with --odometry or --track",
     )
-    add_match_flags(parser.add_argument_group("matching (over the map's settings)"), "the map's")
+    matching = parser.add_argument_group("matching (over the map's settings)")
+    add_setting_flags(matching, "matching", "the map's")
     add_window_argument(add_reading_arguments(parser))
 
 

@@ -13,7 +13,7 @@ from edge_vpr_tools.console import handled, summary, with_progress
 from edge_vpr_tools.flags import add_json_flag, add_output_flags
 
 if TYPE_CHECKING:
-    from edge_vpr_tools.profile.workload import Load
+    from edge_vpr_tools.profile.workload import Workload
 
 
 EXAMPLES = """\
@@ -65,13 +65,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 STREET_M = 400.0
 
 
-def load_of(args: argparse.Namespace) -> Load:
+def _workload_of(args: argparse.Namespace) -> Workload:
     """Open the map and the recording that the flags name, or simulate a street."""
     from edge_vpr.descriptors.counting import check_sensor, cleaned
     from edge_vpr.recordings import open_recording
     from edge_vpr.reference_map import ReferenceMap
     from edge_vpr.simulation import simulate_pair
-    from edge_vpr_tools.profile.workload import Load
+    from edge_vpr_tools.profile.workload import Workload
 
     if args.map is None:
         first, query = simulate_pair(0, length_m=STREET_M)
@@ -79,12 +79,12 @@ def load_of(args: argparse.Namespace) -> Load:
         query.keep(partial(with_progress, label="simulating the query"))
         reference = ReferenceMap.build(first)
         events = list(cleaned(query, reference.settings))
-        return Load(f"simulated street of {STREET_M:g} m", reference, events, [])
+        return Workload(f"simulated street of {STREET_M:g} m", reference, events, [])
     reference = ReferenceMap.load(args.map)
     recording = open_recording(args.recording, default=reference.camera)
     check_sensor(recording.sensor, reference.pixel_map.sensor)
     events = list(cleaned(recording, reference.settings))
-    return Load(args.recording, reference, events, [args.map, args.recording])
+    return Workload(args.recording, reference, events, [args.map, args.recording])
 
 
 def run(args: argparse.Namespace) -> None:
@@ -108,7 +108,7 @@ def run(args: argparse.Namespace) -> None:
         sensor, missing = choose_sensor(ROOT, name=args.sensor_name, shunt_mohm=args.shunt_mohm)
         try:
             measured = profile(
-                load_of(args), plan, sensor, missing, meter=args.meter, root=ROOT
+                _workload_of(args), plan, sensor, missing, meter=args.meter, root=ROOT
             )  # fmt: skip
         finally:
             if sensor is not None:

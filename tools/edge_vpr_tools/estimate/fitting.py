@@ -77,14 +77,6 @@ class DesignOnTarget:
     limited_by: str  #: The exceeded limit; empty if it fits.
 
 
-@dataclass(frozen=True)
-class Limits:
-    """A target, and the budgets that a design must keep there."""
-
-    target: Target
-    budgets: Sequence[Budget] = ()
-
-
 def memory_on(design: Design, target: Target) -> DeviceMemory:
     """Return the memory that a budget is held against."""
     size = sizes(design)
@@ -94,18 +86,17 @@ def memory_on(design: Design, target: Target) -> DeviceMemory:
     return DeviceMemory(size.image_bytes + code, size.state_bytes + stack, code)
 
 
-def on_target(design: Design, mission: Mission, limits: Limits) -> DesignOnTarget:
-    """Estimate a design on a target, and check whether it fits."""
-    of = cost(design, limits.target, mission)
-    used = memory_on(design, limits.target)
-    return DesignOnTarget(design, mission, of, used, _broken_by(design, mission, of, used, limits))
+def on_target(
+    design: Design, mission: Mission, target: Target, budgets: Sequence[Budget] = ()
+) -> DesignOnTarget:
+    """Estimate a design on a target, and check whether it fits there and in the budgets."""
+    of, used = cost(design, target, mission), memory_on(design, target)
+    limited_by = _broken_by(design, mission, of, target) or _over(budgets, used)
+    return DesignOnTarget(design, mission, of, used, limited_by)
 
 
-def _broken_by(
-    design: Design, mission: Mission, of: Cost, used: DeviceMemory, limits: Limits
-) -> str:
-    """Return which limit of the target, or else budgets, a design exceeds; empty if none."""
-    target = limits.target
+def _broken_by(design: Design, mission: Mission, of: Cost, target: Target) -> str:
+    """Return which limit of the target a design exceeds; empty if none."""
     if target.kind == "processor":
         try:
             check_limits(design)
@@ -117,12 +108,15 @@ def _broken_by(
             return needed
     if of.logic_cells is not None and of.logic_cells > target.logic_cells:
         return f"{of.logic_cells:,} of {target.logic_cells:,} logic cells"
-    if slow := of.too_slow(mission.events_per_s):
-        return slow
+    return of.too_slow(mission.events_per_s)
+
+
+def _over(budgets: Sequence[Budget], used: DeviceMemory) -> str:
+    """Return which budgets the memory of a design exceeds; empty if none."""
     taken = {"flash": used.flash_bytes, "ram": used.ram_bytes, "bytes": used.total}
     over = (
         f"{budget.text}: {taken[budget.quantity]:,} bytes"
-        for budget in limits.budgets
+        for budget in budgets
         if taken[budget.quantity] > budget.limit
     )
     return " and ".join(over)
@@ -206,7 +200,9 @@ def _mean_and_error(streets: Sequence[tuple[float, int]]) -> tuple[float, float]
     return mean, math.sqrt(max(spread, smoothed * (1 - smoothed) / (windows + 3)))
 
 
-def recommend(design: Design, mission: Mission, limits: Limits) -> Recommendation:
+def recommend(
+    design: Design, mission: Mission, target: Target, budgets: Sequence[Budget] = ()
+) -> Recommendation:
     """Return the smallest tried size that fits and is as accurate as the best one that fits.
 
     A difference below the standard error of the best one does not count. Among designs of the same
@@ -227,7 +223,7 @@ def recommend(design: Design, mission: Mission, limits: Limits) -> Recommendatio
             places_per_window=number, exclusion=exclusion * number, lookup_depth=0,
         )  # fmt: skip
         share = min(1.0, mission.selected_share * size.pixels / design.pixels)
-        device = on_target(changed, replace(mission, selected_share=share), limits)
+        device = on_target(changed, replace(mission, selected_share=share), target, budgets)
         candidates.append(Candidate(size, device))
     fitting = [one for one in candidates if not one.device.limited_by]
     if not fitting:

@@ -37,7 +37,6 @@ from edge_vpr_tools.profile.sensors.sensor import (
     read_text,
 )
 from edge_vpr_tools.profile.workload import (
-    Load,
     Throughput,
     Workload,
     measure_throughput,
@@ -113,7 +112,7 @@ class Profile:
 
 
 def profile(
-    load: Load,
+    workload: Workload,
     plan: Plan,
     sensor: Sensor | None = None,
     missing: Sequence[Missing] = (),
@@ -135,8 +134,6 @@ def profile(
     UsageError
         If the load gives no match within a window.
     """
-    reference = load.reference
-    workload = Workload(reference, load.events)
     if sensor is not None:
         longer = plan.for_period(sensor.about.period_s)
         note(f"measuring energy takes about {_duration(longer.pairs * 2 * longer.window_s)}")
@@ -160,10 +157,10 @@ def profile(
     void = void_because(before, loaded, after)
     if void:
         energy = replace(energy, figures=None)
-    run = run_record(reference.settings.to_dict(), load.inputs)
+    run = run_record(workload.reference.settings.to_dict(), workload.files)
     return Profile(
         quick=plan.quick,
-        recording=load.name,
+        recording=workload.name,
         throughput=throughput,
         energy=energy,
         conditions=Moments(before, loaded, after, void),

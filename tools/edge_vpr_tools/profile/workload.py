@@ -30,8 +30,12 @@ class Workload:
 
     Parameters
     ----------
+    name : str
+        Of the recording of the query drive.
     events : sequence of Events
         Cleaned events of the recording.
+    files : sequence of str
+        That map and events were read from.
 
     Attributes
     ----------
@@ -48,7 +52,10 @@ class Workload:
         If one round of the recording gives no match.
     """
 
-    def __init__(self, reference: ReferenceMap, events: Sequence[Events]) -> None:
+    def __init__(
+        self, name: str, reference: ReferenceMap, events: Sequence[Events], files: Sequence[str]
+    ) -> None:
+        self.name, self.reference, self.files = name, reference, files
         whole = join_events(events)
         if whole.size == 0:
             raise UsageError("the recording holds no events: name another one")
@@ -91,16 +98,6 @@ class Workload:
         self.matches += matches.size
         if matches.size:
             self.latencies_s.append(took)
-
-
-@dataclass(frozen=True, eq=False)
-class Load:
-    """Map and drive of which a `Workload` is made."""
-
-    name: str  #: Name of the recording.
-    reference: ReferenceMap
-    events: list[Events]  #: Cleaned events of the query drive.
-    inputs: Sequence[str]
 
 
 # Speed of the load on this machine: events, matches, latency, processor time and memory.

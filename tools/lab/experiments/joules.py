@@ -12,7 +12,7 @@ from collections.abc import Iterator
 from itertools import product
 from typing import NamedTuple
 
-from edge_vpr_tools.estimate.fitting import Limits, on_target
+from edge_vpr_tools.estimate.fitting import on_target
 from edge_vpr_tools.estimate.model import Mission, sizes
 from edge_vpr_tools.estimate.targets import find, names
 
@@ -61,7 +61,7 @@ def measure(draw: Draw) -> Iterator[Row]:
         )  # fmt: skip
         for name, rate in product(names(), EVENTS_PER_S):
             target, mission = find(name), Mission(rate, pixels / (346 * 260), 1.0)
-            of = on_target(design, mission, Limits(target))
+            of = on_target(design, mission, target)
             per_joule = of.cost.matches_per_joule
             if per_joule is None or of.cost.load.high >= 1:
                 continue
