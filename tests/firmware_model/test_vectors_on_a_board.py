@@ -15,6 +15,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
+import serial
 from edge_vpr_tools.commands import golden_verify
 
 from firmware_model import Design, VectorError
@@ -168,7 +169,7 @@ def case_wanted(board: int) -> int:
     return struct.unpack("<5I", head)[1]
 
 
-def test_a_board_that_asks_and_does_not_read_is_given_up(vectors, port, run, refused):
+def test_a_board_that_asks_and_does_not_read_is_given_up(vectors, port, run, refused, monkeypatch):
     """It asks for all bytes of a case whose image no line buffers."""
     design = Design(width=64, height=48, pixels=250, places=600, length=4, code_bits=3)
     suites = {"random": standard_suites(design, 0, "random")["random"][:1]}
@@ -180,6 +181,12 @@ def test_a_board_that_asks_and_does_not_read_is_given_up(vectors, port, run, ref
         os.write(board, struct.pack("<6I", 0, 1, case_wanted(board), READY, 1, takes))
         over.wait()
 
+    opened = serial.serial_for_url
+
+    def patient(*words, timeout, write_timeout):  # it takes its time to ask
+        return opened(*words, timeout=60, write_timeout=write_timeout)
+
+    monkeypatch.setattr(serial, "serial_for_url", patient)
     words = ["golden", "verify", vectors.parent / "large", "--timeout"]
     said = run(*words, 0.5, "--port", port(does), code=1).err
     assert f"{name}: the board asks for bytes and does not take them" in said

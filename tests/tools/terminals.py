@@ -5,6 +5,7 @@ from __future__ import annotations
 import fcntl
 import os
 import pty
+import re
 import select
 import struct
 import subprocess
@@ -28,7 +29,7 @@ class Terminal:
             env={**os.environ, "TERM": "xterm-256color"},
         )  # fmt: skip
         os.close(slave)
-        self._watchdog = threading.Timer(90, self.process.kill)
+        self._watchdog = threading.Timer(300, self.process.kill)
         self._watchdog.start()
         self._reader = threading.Thread(target=self._read, daemon=True)
         self._reader.start()
@@ -62,13 +63,12 @@ class Terminal:
         with self._lock:
             return [line.rstrip() for line in self._screen.display]
 
-    def colour_of(self, text):
-        """Return the colour of a text on the screen."""
-        with self._lock:
-            for row, line in enumerate(self._screen.display):
-                if text in line:
-                    return self._screen.buffer[row][line.index(text)].fg
-        raise AssertionError((text, self.lines()))
+    def _colour_of(self, text):
+        """Return the colour of a text on the screen; None if it is not there."""
+        for row, line in enumerate(self._screen.display):
+            if text in line:
+                return self._screen.buffer[row][line.index(text)].fg
+        return None
 
     def coloured(self):
         """Return each line as letters with their colour and whether they are bold."""
@@ -77,15 +77,26 @@ class Terminal:
             rows = [self._screen.buffer[row] for row in range(self._screen.lines)]
             return [[(row[x].data, row[x].fg, row[x].bold) for x in columns] for row in rows]
 
-    def wait_for(self, said, seconds=30):
-        """Wait until the lines on the screen are as asked for; return them."""
+    def wait_for(self, *texts, without="\0", seconds=120, **colours):
+        """Wait until the screen shows all texts at once, and of each colour that text.
+
+        Parameters
+        ----------
+        without : str
+            A text that it does not show.
+        """
         end = time.monotonic() + seconds
         while True:
-            lines = self.lines()
-            if said("\n".join(lines)):
-                return lines
-            assert self.process.poll() is None, lines
-            assert time.monotonic() < end, lines
+            with self._lock:
+                shown = "\n".join(self._screen.display)
+                if (
+                    all(re.search(text, shown) for text in texts)
+                    and without not in shown
+                    and all(self._colour_of(text) == colour for colour, text in colours.items())
+                ):
+                    return
+            assert self.process.poll() is None, shown
+            assert time.monotonic() < end, shown
             time.sleep(0.02)
 
     def hang_up(self):
@@ -94,7 +105,7 @@ class Terminal:
         self._reader.join()
         os.close(self._master)
 
-    def end(self, number=None, seconds=20):
+    def end(self, number=None, seconds=60):
         """Send a signal, or wait for the end; return the exit code and what is on the screen."""
         if number is not None:
             self.process.send_signal(number)

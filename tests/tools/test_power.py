@@ -10,7 +10,6 @@ import re
 import signal
 import subprocess
 import sys
-import threading
 import time
 from dataclasses import fields, replace
 from pathlib import Path
@@ -37,6 +36,7 @@ from edge_vpr_tools.profile.measurement import (
 from edge_vpr_tools.profile.meter_trace import Stated, ahead_s, read_meter
 from edge_vpr_tools.profile.profiling import Moments, Profile
 from edge_vpr_tools.profile.sensors import pmic
+from edge_vpr_tools.profile.sensors import sensor as sensor_module
 from edge_vpr_tools.profile.sensors.hwmon import with_shunt
 from edge_vpr_tools.profile.sensors.search import find_sensors
 from edge_vpr_tools.profile.sensors.sensor import About, Sensor, SensorError
@@ -45,6 +45,7 @@ from edge_vpr_tools.profile.workload import Throughput
 from edge_vpr.errors import UsageError
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.results import from_json, to_json
+from tests.live.devices import Clock, wait_until
 
 HWMON = "sys/class/hwmon"
 
@@ -360,24 +361,34 @@ class Board(Sensor):
     """A board that takes 1 W, and 3 W while it is loaded."""
 
     about = About("board", "power", "whole board", 0.001)
-    watts = 1.0
+    watts, read_s = 1.0, 0.0
 
     def read(self):
+        self.read_s = sensor_module.time.monotonic()
         return self.watts
 
 
-def test_a_measurement_finds_what_the_load_takes():
-    """Threads and clocks as they are; 2 W more at 1,000 matches a second are 2 mJ a match."""
+def test_a_measurement_finds_what_the_load_takes(monkeypatch):
+    """By its thread, which reads every 10 ms; 2 W at 1,000 matches a second are 2 mJ a match."""
+    clock, board = Clock(), Board()
+
+    def wait(seconds):
+        for _ in range(round(100 * seconds)):
+            clock.now_s += 0.01
+            wait_until(lambda: board.read_s == clock.now_s)
 
     def load(seconds):
-        Board.watts = 3.0
-        time.sleep(seconds)
-        Board.watts = 1.0
+        board.watts = 3.0
+        wait(seconds)
+        board.watts = 1.0
         return round(1000 * seconds)
 
-    measurement = measure(Board(), Plan(5, 0.1, quick=True), load)
-    assert measurement.figures.marginal_j_per_match == pytest.approx(2e-3, rel=0.25)
-    assert measurement.figures.idle_w == pytest.approx(1.0, rel=0.25)
+    monkeypatch.setattr(clock, "sleep", wait)
+    for module in (measurement, sensor_module):
+        monkeypatch.setattr(module, "time", clock)
+    figures = measure(board, Plan(5, 0.1, quick=True), load).figures
+    assert figures.marginal_j_per_match == pytest.approx(2e-3, rel=0.01)
+    assert figures.idle_w == pytest.approx(1.0, rel=0.01)
 
 
 def test_throttling_voids_a_run(tmp_path):
@@ -651,32 +662,6 @@ def test_a_profile_says_where_it_was_made(profile):
     assert written["conditions"]["loaded"]["frequency_hz"] is None
 
 
-class Follower(threading.Thread):
-    """Writes 2 W into a file, and as much more as this process is busy."""
-
-    def __init__(self, path):
-        super().__init__(daemon=True)
-        self.path, self.ended = path, threading.Event()
-
-    def __enter__(self):
-        self.path.write_text("2000000\n")
-        self.start()
-        return self
-
-    def __exit__(self, *unused):
-        self.ended.set()
-        self.join()
-
-    def run(self):
-        cpu, then = time.process_time(), time.monotonic()
-        while not self.ended.wait(0.05):
-            busy, now = time.process_time(), time.monotonic()
-            watts = 2.0 + min((busy - cpu) / (now - then), 1.0)
-            cpu, then = busy, now
-            with self.path.open("r+") as file:
-                file.write(f"{watts * 1e6:09.0f}\n")
-
-
 def board(root):
     """A Raspberry Pi 4 with an INA226 in its 5 V line; gives the file of its power."""
     write(root / "proc/device-tree", model="Raspberry Pi 4 Model B Rev 1.4")
@@ -691,14 +676,30 @@ def board(root):
 def test_a_profile_with_a_sensor_has_joules_figures_and_its_board(load, tmp_path, run, monkeypatch):
     """Of the map; the report holds the power over time, all figures drawn."""
     power, out = board(tmp_path), tmp_path / "out"
-    with Follower(power):
-        monkeypatch.setattr(ROOT, tmp_path)
-        flags = ["--shunt-mohm", 20, "-o", out]
-        flags += ["--window-s", 0.3]  # the meter follows within some 50 ms
-        assert "measuring energy takes about" in run(*PROFILE, *load, *flags).err
+    turns = measurement.take_turns
+
+    def takes(microwatts):
+        with power.open("r+") as file:  # never empty
+            file.write(f"{microwatts}\n")
+
+    def taken(plan, run):
+        """A board that takes 2 W, and 3 W under load."""
+
+        def loaded(seconds):
+            takes(3_000_000)
+            matches = run(seconds)
+            takes(2_000_000)
+            return matches
+
+        return turns(plan, loaded)
+
+    monkeypatch.setattr(measurement, "take_turns", taken)
+    monkeypatch.setattr(ROOT, tmp_path)
+    flags = ["--shunt-mohm", 20, "-o", out]
+    assert "measuring energy takes about" in run(*PROFILE, *load, *flags).err
     written = json.loads((out / "profile.json").read_text())
     figures, sensor = written["energy"]["figures"], written["energy"]["sensor"]
-    assert 0.9 < figures["idle_w"] < 1.6
+    assert 0.9 < figures["idle_w"] < figures["load_w"] < 1.6
     low, high = figures["matches_per_joule_interval"]
     assert 0 < low <= figures["matches_per_joule"] <= high
     assert written["board"].startswith("Raspberry Pi 4")
@@ -712,15 +713,14 @@ def test_a_profile_with_a_sensor_has_joules_figures_and_its_board(load, tmp_path
 def test_a_sensor_that_vanishes_leaves_the_rest_of_the_profile(load, tmp_path, run, monkeypatch):
     """In mid-run: not measured, with the reason; speed and memory are there."""
     power, out = board(tmp_path), tmp_path / "out"
-    # some of the turns have been taken by then
-    gone = threading.Timer(0.5, power.unlink)
     turns = measurement.take_turns
-    monkeypatch.setattr(
-        measurement, "take_turns", lambda plan, run: (gone.start(), turns(plan, run))[1]
-    )
+
+    def taken(plan, run):
+        return turns(plan, lambda seconds: (power.unlink(missing_ok=True), run(seconds))[1])
+
+    monkeypatch.setattr(measurement, "take_turns", taken)
     monkeypatch.setattr(ROOT, tmp_path)
     assert "not measured" in run(*PROFILE, *load, "-o", out).out
-    gone.join()
     written = json.loads((out / "profile.json").read_text())
     assert written["throughput"]["matches_per_s"] > 0
     assert written["energy"]["figures"] is None
@@ -770,7 +770,7 @@ def test_an_interrupted_profile_leaves_nothing(load, tmp_path):
             time.sleep(0.3)
             running.send_signal(number)
             rest = running.stderr.read()
-            assert running.wait(20) == 130
+            assert running.wait(60) == 130
         assert rest.splitlines()[-1] == "edge-vpr: interrupted; no incomplete file was left"
         assert "Traceback" not in rest
         assert list((tmp_path / str(number)).iterdir()) == []

@@ -198,9 +198,9 @@ def live_view(folder: Path, path: Path) -> None:
     view = ["edge-vpr", "stream", "--port", address, "--protocol", "evpr", "--map", "map.npz"]
     with subprocess.Popen(query, cwd=folder, stdout=subprocess.DEVNULL) as bridge:
         time.sleep(_STARTING_S)  # the view would tell that nobody listens
-        terminal = Terminal([*view, "--every", "50ms"], os.environ, folder, _TERMINAL)
+        terminal = Terminal([*view, "--every", "50ms"], folder, _TERMINAL)
         try:
-            terminal.wait_for(lambda text: "% of the route" in text, 60)
+            terminal.wait_for("% of the route")
             time.sleep(_WATCHED_S)
             screen = terminal.coloured()
         finally:
