@@ -13,7 +13,6 @@ simulates, maps and matches in a temporary folder, and writes to `docs/images`:
 from __future__ import annotations
 
 import io
-import os
 import re
 import shutil
 import signal
