@@ -407,8 +407,7 @@ class ReferenceMap(EqualByValue):
         """Return the map with settings for matching while events come, see `with_settings`."""
         if changes.get("smooth"):
             raise UsageError(
-                f"{by}: smooth=True needs all later windows: leave it out, or match the whole "
-                "recording"
+                "smooth=True needs all later windows: leave it out, or match the whole recording"
             )
         return self.with_settings(settings, {**changes, "smooth": False}, by)
 

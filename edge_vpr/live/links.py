@@ -513,6 +513,10 @@ class Line:
     def __post_init__(self) -> None:
         if self.on_overload not in (None, "drop", "wait"):
             raise UsageError(f"on_overload={self.on_overload!r}: expected 'drop', 'wait' or None")
+        if self.baud is not None and self.baud < 1:
+            raise UsageError(
+                f"baud={self.baud}: expected the speed of a serial port, such as 921600"
+            )
         expect(self.max_lag, str, "max_lag", "a text such as '500ms'")
         duration_us(self.max_lag)
 

@@ -17,21 +17,15 @@ from edge_vpr.recordings import WRITTEN, writable_format, write_recording
 _MOST_WAITING = 256
 
 
-def check_recorded(path: Path, argument: str) -> None:
-    """Check that bytes or events can be recorded in a file of this name.
-
-    Parameters
-    ----------
-    argument : str
-        That names the file, for the message.
-    """
+def check_recorded(path: Path) -> None:
+    """Check that bytes or events can be recorded in a file of this name."""
     if path.suffix == ".bin":
         return
     try:
         writable_format(path)
     except UsageError as error:
         suffixes = ", ".join(WRITTEN)
-        raise UsageError(f"{argument} {path}: expected .bin for bytes, or {suffixes}") from error
+        raise UsageError(f"record='{path}': expected .bin for bytes, or {suffixes}") from error
 
 
 def ends_early(path: str, error: OSError) -> str:

@@ -188,6 +188,10 @@ class LiveSession:
         self.reference = None
         if loaded is not None:
             self.reference = loaded.causal_with(None, changes, "LiveSession")
+        line = line if isinstance(line, Line) else Line(line)
+        source = Path(line.link) if isinstance(line.link, str | os.PathLike) else None
+        self.files = SessionFiles() if files is None else files
+        self.files.check(loaded, (source, map_file))
         self._protocol = protocol
         self.decoder = open_decoder(protocol, self.sensor)
         if not isinstance(every, MatchSchedule | None):
@@ -195,16 +199,12 @@ class LiveSession:
         self._every = None
         if self.reference is not None:
             self._every = MatchSchedule.parse(every, self.reference.settings)
-        line = line if isinstance(line, Line) else Line(line)
         self._open_link, reopens = link_opener(
             line.link, line.baud or self.decoder.baud, line.flow_control
         )
         self._address, self._odometry = str(line.link), odometry
         self._reconnect = line.reconnect and reopens
         self._drop, self._max_lag_s = line.drop, line.max_lag_s
-        source = Path(line.link) if isinstance(line.link, str | os.PathLike) else None
-        self.files = SessionFiles() if files is None else files
-        self.files.check(loaded, (source, map_file))
         self.on_message = on_message
         self.stopping = threading.Event()
         self.ended = False
@@ -604,5 +604,7 @@ def _sensor_of(
     if sensor is not None:
         return Sensor.of(sensor)
     if reference is None:
-        raise UsageError("the size of the sensor is not known: pass sensor= or reference=")
+        raise UsageError(
+            "the size of the sensor is not known: pass sensor='WIDTHxHEIGHT' or reference="
+        )
     return reference.pixel_map.sensor

@@ -117,7 +117,7 @@ class SessionFiles:
         """
         source, map_file = inputs
         for path in self._record:
-            check_recorded(path, "record")
+            check_recorded(path)
             check_output(path, [map_file])
         if self._state is not None:
             if reference is None or self._learn is not None:

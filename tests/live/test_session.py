@@ -566,20 +566,20 @@ def test_a_lag_after_a_silence_is_the_line_s_and_nothing_else_is_suspected():
 def test_a_known_route_is_matched_while_the_drive_is_recorded_and_mapped(route, query, tmp_path):
     """With other settings than those of the map; all files are complete when the block ends."""
     sent, places = write_sent(tmp_path / "sent.bin", query), len(route)
-    raw, events, mapped = (tmp_path / name for name in ("raw.bin", "events.npz", "map.npz"))
+    names = "raw.bin", "events.npz", "events.csv", "map.npz"
+    raw, events, text, mapped = (tmp_path / name for name in names)
     settings = replace(route.settings, pixels=10)
-    files = SessionFiles(record=[raw, events], learn=mapped, settings=settings)
+    files = SessionFiles(record=[raw, events, text], learn=mapped, settings=settings)
     with LiveSession(sent, protocol="evpr", reference=route, files=files) as session:
         matched = [match.place for match in session]
     assert matched == offline(route, query)["place"].tolist() and len(route) == places
     assert raw.read_bytes() == sent.read_bytes()
-    assert np.array_equal(join_events(list(open_recording(events))), query)
+    for recorded in (open_recording(events), open_recording(text, sensor=SENSOR)):
+        assert np.array_equal(join_events(list(recorded)), query)
     again = ReferenceMap.build(Drive(query, SENSOR), settings)
     assert ReferenceMap.load(mapped) == files.learnt == again
     assert files.update is None
-    assert {path.name for path in tmp_path.iterdir()} == {
-        "sent.bin", "raw.bin", "events.npz", "map.npz"
-    }  # fmt: skip
+    assert {path.name for path in tmp_path.iterdir()} == {"sent.bin", *names}
 
 
 def test_the_same_files_serve_one_session_after_another(route, query, tmp_path):
@@ -732,7 +732,7 @@ def test_a_session_is_used_once(route):
 @pytest.mark.parametrize(
     ("wrong", "says"),
     [
-        ({"sensor": None}, "pass sensor= or reference="),
+        ({"sensor": None}, "pass sensor='WIDTHxHEIGHT' or reference="),
         ({"protocol": "x"}, "choose one of evpr"),
         ({"link": 3.5}, "expected a port such as"),
         ({"link": b"/dev/ttyACM0"}, "expected a port such as"),

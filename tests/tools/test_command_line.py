@@ -107,7 +107,7 @@ WRONG_USE = [
     (STREAM, 2, "pass --sensor WIDTHxHEIGHT or --map"),
     (f"{STREAM} --learn", 2, "belong together"),
     (f"{STREAM} --sensor 4x4 --protocol x", 2, "choose one of evpr"),
-    (f"{STREAM} --sensor 4x4 --record a.npz --record b.npz", 2, "one file of events"),
+    (f"{STREAM} --sensor 4x4 --record a.mat", 2, "--record a.mat: expected .bin for bytes, or"),
     (f"{STREAM} --sensor 4x4 --baud 0", 2, "expected the speed of a serial port"),
     (f"{STREAM} --map map.npz --counter-bits 4", 2, "--counter-bits belongs to making a map"),
     ("sweep a.toml -o {t}/out.csv --workers 2 --scheduler tcp://x:1", 2, "not allowed with"),

@@ -25,7 +25,6 @@ if TYPE_CHECKING:
     from edge_vpr.descriptors.published import PublishedWindows
     from edge_vpr.recordings import Recording
     from edge_vpr.recordings.reading import Camera
-    from edge_vpr.reference_map import ReferenceMap
 
 # Flags by which every command opens a recording.
 
@@ -199,7 +198,7 @@ def map_settings(args: argparse.Namespace) -> Settings:
     if flags["tau"] == "auto":  # which is fitted to the map of these settings
         flags["tau"] = None
     settings = resolve_settings(args.preset, args.config, flags, "the command line")
-    _warn_of_no_effect(args, settings, SETTING_FIELDS.values())
+    warn_of_no_effect(args, settings, SETTING_FIELDS.values())
     return settings
 
 
@@ -216,30 +215,19 @@ def match_flags(args: argparse.Namespace) -> dict[str, Any]:
     return {key: value for key, value in values.items() if value is not None}
 
 
-def with_match_flags(
-    args: argparse.Namespace, reference: ReferenceMap, *, online: bool
-) -> ReferenceMap:
-    """Return a map with its settings changed by the flags of the settings of matching.
+def warn_of_no_effect(
+    args: argparse.Namespace, settings: Settings, offered: Iterable[SettingField] | None = None
+) -> None:
+    """Warn of each given flag that has no effect with the other settings; not of ``--no-...``.
 
     Parameters
     ----------
-    online : bool
-        Match while the events come, so that nothing is smoothed.
+    settings : Settings
+        That result from the flags.
+    offered : iterable of SettingField
+        Whose flags they are; by default those of matching.
     """
-    change = reference.causal_with if online else reference.with_settings
-    matched = change(None, match_flags(args), "the command line")
-    settings = matched.settings
-    _warn_of_no_effect(args, settings, _of_group(_MATCHING_GROUP))
-    if args.stays_on_map and settings.matching == "filter" and settings.smooth:
-        warning("--stays-on-map is for live matches: add --no-smooth")
-    return matched
-
-
-def _warn_of_no_effect(
-    args: argparse.Namespace, settings: Settings, offered: Iterable[SettingField]
-) -> None:
-    """Warn of each given flag that has no effect with the other settings; not of ``--no-...``."""
-    for field in offered:
+    for field in _of_group(_MATCHING_GROUP) if offered is None else offered:
         if getattr(args, field.key) in (None, False) or field.needs is None:
             continue
         name, values = field.needs

@@ -17,6 +17,7 @@ from edge_vpr_tools.console import (
     print_facts,
     summary,
     warn_of_few_places,
+    warning,
     watched,
 )
 from edge_vpr_tools.flags import (
@@ -26,8 +27,9 @@ from edge_vpr_tools.flags import (
     add_reading_arguments,
     add_setting_flags,
     add_window_argument,
+    match_flags,
     open_source,
-    with_match_flags,
+    warn_of_no_effect,
 )
 
 if TYPE_CHECKING:
@@ -119,21 +121,24 @@ def run(args: argparse.Namespace) -> None:
     for path in args.export or ():
         check_track_file(path, reference)
         check_new_file(Path(path), inputs, args.overwrite)
-    with_flags = with_match_flags(args, reference, online=args.online)
     if args.every is not None and not args.online:
         raise UsageError("--every says when to match online: add --online, or leave it out")
     odometry = None if args.odometry is None else load_odometry(args.odometry)
-    detail_settings(with_flags.settings)
     recording = open_source(args, args.recording, reference.camera)
     result = reference.match(
         watched(recording, "localising" if args.online else "counting"),
         every=(args.every or "event") if args.online else None,
-        settings=with_flags.settings,
         odometry=odometry,
+        **match_flags(args),
     )
     queries, matches, metrics = result.queries, result.matches, result.metrics
+    settings = matches.settings
+    detail_settings(settings)
+    warn_of_no_effect(args, settings)
+    if args.stays_on_map and settings.matching == "filter" and settings.smooth:
+        warning("--stays-on-map is for live matches: add --no-smooth")
     faults = describe_faults(recording)
-    removed = describe_removed(result.removed, with_flags.settings)
+    removed = describe_removed(result.removed, settings)
     warn_of_few_places(args.map, result.reference)
     remarks = []
     if odometry is not None:
@@ -167,7 +172,7 @@ def run(args: argparse.Namespace) -> None:
     summary(f"{places_text(reference)}, {reference.size_text}{removed}{faults}")
     _export_tracks(args.export, result.reference, matches, recording)
     if matrix is not None:
-        matched = result.reference.matched_with(matches.settings)
+        matched = result.reference.matched_with(settings)
         distances = query_distances(matched, queries, odometry)
         write_npy(matrix, distances)
         summary(f"{matrix}: distances, {distances.shape[0]} places x {distances.shape[1]} queries")

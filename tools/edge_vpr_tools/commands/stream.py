@@ -23,13 +23,12 @@ from edge_vpr_tools.flags import (
     add_protocol_flag,
     map_flags,
     map_settings,
-    with_match_flags,
+    match_flags,
+    warn_of_no_effect,
 )
 
 if TYPE_CHECKING:
     from edge_vpr.live.session import LiveSession, Message
-    from edge_vpr.reference_map import ReferenceMap
-    from edge_vpr.settings import Settings
     from edge_vpr_tools.live_view import View
 
 #: Interval in seconds at which the service manager is notified that the run is alive.
@@ -129,68 +128,35 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_map_flags(parser, of_map=True)
 
 
-# Checks of the arguments of `edge-vpr stream`.
-
-
 def check_arguments(args: argparse.Namespace) -> None:
-    """Check the arguments before the camera is opened or a file is written."""
+    """Check what a session does not, before the camera is opened or a file is written."""
+    from edge_vpr.files import check_new_file
     from edge_vpr_tools.publish import parse_address
 
     if args.learn == (args.output is None):
         raise UsageError("--learn and -o MAP.npz belong together: give both, or neither")
-    if args.sensor is None and args.map is None:
-        raise UsageError("the size of the sensor is not known: pass --sensor WIDTHxHEIGHT or --map")
     if not args.learn and (flags := map_flags(args)):
         raise UsageError(
             f"{flags[0]} belongs to making a map, and --map has one already: leave it out, or make "
             "a new map with --learn"
         )
-    if args.baud is not None and args.baud < 1:
-        raise UsageError(f"--baud {args.baud}: expected the speed of a serial port, such as 921600")
-    _check_odometry(args)
+    if args.odometry is not None:
+        if args.map is None and not args.learn:
+            raise UsageError(
+                "--odometry is for --map and --learn: give one of them, or leave it out"
+            )
+        if args.odometry == args.port:
+            raise UsageError(
+                f"--odometry {args.odometry} is the camera's --port: give the odometer one of its "
+                "own"
+            )
     if args.http is not None:
         parse_address(args.http)
-    _check_files(args)
-
-
-def _check_odometry(args: argparse.Namespace) -> None:
-    if args.odometry is None:
-        return
-    if args.map is None and not args.learn:
-        raise UsageError("--odometry is for --map and --learn: give one of them, or leave it out")
-    if args.odometry == args.port:
-        raise UsageError(
-            f"--odometry {args.odometry} is the camera's --port: give the odometer one of its own"
-        )
-
-
-def _check_files(args: argparse.Namespace) -> None:
-    from edge_vpr.files import check_new_file
-    from edge_vpr.live.recorder import check_recorded
-
-    of_events = [name for name in args.record if Path(name).suffix != ".bin"]
-    if len(of_events) > (0 if args.learn else 1):
-        raise UsageError(
-            "--record can write one file of events, and none with --learn: record bytes (.bin)"
-        )
-    for name in of_events:
-        check_recorded(Path(name), "--record")
-    seen = {Path(name).resolve() for name in (args.port, args.map) if name}
-    for name in filter(None, [*args.record, args.log, args.output]):
-        path = Path(name)
-        if path.resolve() in seen:
-            raise UsageError(f"{path} is named twice: give each file another name")
-        seen.add(path.resolve())
-        check_new_file(path, (args.port, args.map), args.overwrite)
-
-
-def _learnt_with(args: argparse.Namespace, reference: ReferenceMap | None) -> Settings | None:
-    """Return the settings of the map to learn: those of the flags, or without any of the map."""
-    if not args.learn:
-        return None
-    if reference is None or args.preset != DEFAULT_PRESET or map_flags(args):
-        return map_settings(args)
-    return reference.settings
+    if args.log is not None:
+        log = Path(args.log)
+        if log.resolve() in {Path(name).resolve() for name in (*args.record, args.output) if name}:
+            raise UsageError(f"{log} is named twice: give each file another name")
+        check_new_file(log, (args.port, args.map), args.overwrite)
 
 
 def run(args: argparse.Namespace) -> None:
@@ -198,25 +164,24 @@ def run(args: argparse.Namespace) -> None:
     from edge_vpr.live.links import Line
     from edge_vpr.live.session import LiveSession
     from edge_vpr.live.session_files import SessionFiles
-    from edge_vpr.reference_map import ReferenceMap
 
     check_arguments(args)
-    reference = None if args.map is None else ReferenceMap.load(args.map)
-    learnt_with = _learnt_with(args, reference)
-    if reference is not None:
-        reference = with_match_flags(args, reference, online=True)
+    new = args.map is None or args.preset != DEFAULT_PRESET or map_flags(args)
     line = Line(
         args.port, baud=args.baud, flow_control=args.flow_control, reconnect=not args.once,
         on_overload=args.on_overload, max_lag=args.max_lag,
     )  # fmt: skip
     files = SessionFiles(
-        record=args.record, learn=args.output, settings=learnt_with, state=args.state,
-        overwrite=args.overwrite,
+        record=args.record, learn=args.output, state=args.state, overwrite=args.overwrite,
+        settings=map_settings(args) if args.learn and new else None,
     )  # fmt: skip
     session = LiveSession(
-        line, protocol=args.protocol, reference=reference, every=args.every, sensor=args.sensor,
+        line, protocol=args.protocol, reference=args.map, every=args.every, sensor=args.sensor,
         odometry=args.odometry, max_age=args.max_age, files=files,
+        **({} if args.map is None else match_flags(args)),
     )  # fmt: skip
+    if session.reference is not None:
+        warn_of_no_effect(args, session.reference.settings)
     _show(args, session)
     if files.learnt is not None:
         learnt, update = files.learnt, files.update
