@@ -1,12 +1,10 @@
-"""A live session: every protocol, links of all kinds, and a rover that has to stop in time."""
+"""A live session: every protocol, and links of all kinds."""
 
 from __future__ import annotations
 
-import json
 import os
 import pty
 import re
-import signal
 import socket
 import subprocess
 import sys
@@ -25,7 +23,7 @@ from edge_vpr import LiveSession, SessionFiles
 from edge_vpr.compiling import to_kernel_state
 from edge_vpr.errors import UsageError
 from edge_vpr.events import Sensor, join_events, make_events
-from edge_vpr.live.bridge import Bridge, LineFaults, open_device_link
+from edge_vpr.live.bridge import Bridge, open_device_link
 from edge_vpr.live.links import LinkError
 from edge_vpr.live.position import Locator, PathPosition
 from edge_vpr.live.protocols import Health, open_encoder
@@ -34,7 +32,6 @@ from edge_vpr.recordings import open_recording
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.route import Route
 from edge_vpr.settings import Settings
-from edge_vpr.simulation import simulate_pair
 from tests.live.devices import (
     DEVICES,
     Pipe,
@@ -49,140 +46,6 @@ from tests.live.devices import (
 from tests.streams import Drive, matched_live, random_events, split_events
 
 ROOT = Path(__file__).parents[2]
-
-
-#: The rover's program, which says each new speed and when it has stopped.
-ROVER = """
-import json
-import sys
-sys.path.insert(0, sys.argv[1])
-import rover
-speeds = []
-def drive(speed):
-    if speeds[-1:] != [speed]:
-        print(speed, flush=True)
-    speeds.append(speed)
-vars(rover).update(json.loads(sys.argv[5]))
-print("reached", rover.follow(sys.argv[2], "evpr", sys.argv[3], float(sys.argv[4]), drive))
-"""
-
-
-class Rover:
-    """`examples/rover.py` on a pseudo-terminal, and a camera that plays events to it."""
-
-    def __init__(self, map_path, events, goal_m, speed, faults="", limits=None, **environment):
-        self.events, self.link = events, open_device_link("virtual")
-        self.bridge = Bridge(
-            self.link, open_encoder("evpr", Sensor(128, 128)), speed=speed,
-            faults=LineFaults.parse(faults) if faults else None,
-        )  # fmt: skip
-        words = [str(ROOT / "examples"), self.link.address, str(map_path), str(goal_m)]
-        words.append(json.dumps(limits or {}))
-        self.run = subprocess.Popen(
-            [sys.executable, "-c", ROVER, *words], env={**os.environ, **environment},
-            stdout=subprocess.PIPE, text=True,
-        )  # fmt: skip
-        pieces = [events[i : i + 1_000] for i in range(0, events.size, 1_000)]
-        # what a rover prints ends with it, so that no test waits for ever
-        self.limit = threading.Timer(240, self.run.kill)
-        self.limit.start()
-        self.playing = threading.Thread(target=self._play, args=(pieces,), daemon=True)
-        self.playing.start()
-
-    def _play(self, pieces):
-        self.bridge.run(pieces)
-        if not self.bridge.stopping.is_set():
-            self.link.close()  # the goal was not reached, and the rover ends
-
-    def wait_for(self, said):
-        """Return the next line that begins with this."""
-        while not (line := self.run.stdout.readline()).startswith(said):
-            assert line
-        return line
-
-    def close(self):
-        """Stop both; return the time of the last event that was sent."""
-        sent = self.bridge.sent_events
-        self.bridge.stopping.set()
-        self.playing.join(timeout=10)
-        self.link.close()
-        self.run.wait(timeout=30)
-        self.limit.cancel()
-        self.run.stdout.close()
-        return self.events["t"][sent - 1]
-
-
-@pytest.mark.slow
-@pytest.mark.alone
-@pytest.mark.parametrize(
-    ("caches", "speed", "faults", "back_m", "places"),
-    [
-        ("warm", 1.0, "", 0, 2),
-        ("warm", 2.0, "", 0, 2),
-        ("cold", 2.0, "", 0, 2),
-        ("warm", 2.0, "flip=1e-4", 0, 3),
-        ("warm", 2.0, "", 70, 3),
-    ],
-)
-def test_a_rover_stops_near_its_goal(caches, speed, faults, back_m, places, street, tmp_path):
-    """Where kernels are compiled, on a damaged line, and carried back to drive a part twice."""
-    map_path, events, track = street
-    off_us, goal_m = 0, 120 if not back_m else 140
-    if back_m:
-        metres = track.at(events["t"])[:, 0]
-        first, again = events[metres < 100], events[metres > 100 - back_m].copy()
-        off_us = int(again["t"][0]) - int(first["t"][-1]) - 1
-        again.t -= off_us
-        events = join_events([first, again])
-    more = {"NUMBA_CACHE_DIR": str(tmp_path)} if caches == "cold" else {}
-    rover = Rover(map_path, events, goal_m, speed, faults, **more)
-    assert "None" not in rover.wait_for("reached")
-    stopped_m = track.at(np.array([rover.close() + off_us]))[0, 0]
-    along_m = ReferenceMap.load(map_path).route.along_m
-    assert abs(stopped_m - goal_m) <= places * np.diff(along_m).max()
-
-
-@pytest.mark.slow
-@pytest.mark.alone
-def test_a_rover_whose_camera_falls_silent_stops_at_once(street):
-    """The port stays, as where a firmware hangs."""
-    map_path, events, _ = street
-    rover = Rover(map_path, events, 1_000, 2.0)
-    rover.wait_for("1.0")
-    rover.bridge.stopping.set()
-    silent_s = time.monotonic()
-    rover.wait_for("0.0")
-    assert time.monotonic() - silent_s < 2.0
-    rover.close()
-
-
-@pytest.mark.slow
-@pytest.mark.alone
-def test_a_rover_that_knows_no_place_does_not_drive_on(street):
-    """As on a street that is not the map's; it has not heard all of it when it ends."""
-    map_path, _, _ = street
-    other, _ = simulate_pair(seed=5, length_m=200.0)
-    events = join_events(list(other))
-    rover = Rover(map_path, events, 1_000, 2.0, limits={"SURE": 1.1, "BLIND_M": 0.5})
-    said = rover.run.stdout.read().split()
-    assert rover.bridge.sent_events < events.size
-    assert said[-2:] == ["0.2", "0.0"]
-    rover.close()
-
-
-@pytest.mark.slow
-@pytest.mark.alone
-def test_a_rover_stands_while_matches_come_late(street):
-    """Here since its host stood for 3 s; it drives on with the matches of now."""
-    map_path, events, _ = street
-    rover = Rover(map_path, events, 1_000, 2.0)
-    rover.wait_for("1.0")
-    rover.run.send_signal(signal.SIGSTOP)
-    time.sleep(3)
-    rover.run.send_signal(signal.SIGCONT)
-    rover.wait_for("0.0")
-    rover.wait_for("1.0")
-    rover.close()
 
 
 def paced(pipe, events, clock, pieces):

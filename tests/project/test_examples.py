@@ -1,16 +1,14 @@
-"""The examples run: a rover on a simulated street, a notebook, and firmware from its reset on."""
+"""The examples run: a notebook, and firmware from its reset on."""
 
 from __future__ import annotations
 
 import importlib.util
 import os
 import re
-import runpy
 import shutil
 import struct
 import subprocess
 import sys
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -32,59 +30,6 @@ from tests.firmware_model.designs import random_stream
 EXAMPLES = Path(__file__).parents[2] / "examples"
 M4 = EXAMPLES / "firmware-m4"
 DESIGN = Design(width=64, height=48, pixels=25, places=40, length=4, code_bits=3)
-
-
-@pytest.fixture(scope="module")
-def rover():
-    spec = importlib.util.spec_from_file_location("rover", EXAMPLES / "rover.py")
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
-
-
-def drive_to(goal_m, street, rover):
-    speeds = []
-    arguments = (str(street / "sent.bin"), "evpr", str(street / "map.npz"), goal_m)
-    return rover.follow(*arguments, speeds.append), speeds
-
-
-def test_the_rover_stops_at_its_goal(street, rover):
-    reached, speeds = drive_to(30.0, street, rover)
-    assert 30.0 <= reached < 40.0
-    assert speeds[-1] == 0.0
-
-
-@pytest.mark.parametrize(
-    ("port", "goal", "says"),
-    [("/dev/none", "30", "/dev/none: there is no such"), ("/dev/none", "far", "'far'")],
-)
-def test_the_rover_says_in_one_line_what_is_not_there(port, goal, says, street, monkeypatch):
-    words = ["rover.py", port, "evpr", str(street / "map.npz"), goal]
-    monkeypatch.setattr("sys.argv", words)
-    with pytest.raises(SystemExit, match=says):
-        runpy.run_path(str(EXAMPLES / "rover.py"), run_name="__main__")
-
-
-def test_the_rover_says_what_it_takes(monkeypatch):
-    monkeypatch.setattr("sys.argv", ["rover.py", "--help"])
-    with pytest.raises(SystemExit, match="PORT PROTOCOL"):
-        runpy.run_path(str(EXAMPLES / "rover.py"), run_name="__main__")
-
-
-def test_a_rover_whose_goal_never_comes_stops_where_the_line_ends(street, rover):
-    reached, speeds = drive_to(1_000.0, street, rover)
-    assert reached is None
-    assert speeds[-1] == 0.0
-    assert rover.FAST in speeds
-
-
-def test_a_rover_whose_map_has_no_positions_does_not_move(street, rover, tmp_path):
-    reference = replace(ReferenceMap.load(street / "map.npz"), route=None)
-    reference.save(tmp_path / "map.npz")
-    speeds = []
-    with pytest.raises(SystemExit, match="has no positions"):
-        rover.follow(str(street / "sent.bin"), "evpr", str(tmp_path / "map.npz"), 30, speeds.append)
-    assert speeds == [0.0]
 
 
 @pytest.mark.slow

@@ -1,0 +1,177 @@
+"""`examples/rover.py` on a street: where it stops, and that it does not drive on unseen."""
+
+from __future__ import annotations
+
+import math
+import runpy
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from edge_vpr.events import Sensor, join_events
+from edge_vpr.live.bridge import LineFaults
+from edge_vpr.live.protocols import open_encoder
+from edge_vpr.live.reader import Chunk
+from edge_vpr.reference_map import ReferenceMap
+from edge_vpr.simulation import simulate_pair
+from tests.live.devices import sent_by
+
+SENSOR = Sensor(128, 128)
+ROVER = Path(__file__).parents[2] / "examples/rover.py"
+SLOW, FAST = 0.2, 1.0
+
+
+class Camera:
+    """Stands in for the reader of a line: each call brings what came in the last 10 ms.
+
+    Parameters
+    ----------
+    silent_s, held_up_s : float
+        When nothing more comes, on a line that stays for 5 s, and when the host stands for 3 s.
+    """
+
+    live = drops = True
+    address, remark, lost_link, error = "camera", "", "", None
+    line_errors = dead_s = 0
+
+    def __init__(self, clock, events, faults="", silent_s=math.inf, held_up_s=math.inf):
+        self.clock, self.events, self.begin_s = clock, events, clock.monotonic()
+        self.encoder, self.sent = open_encoder("evpr", SENSOR), 0
+        self.faults, self.rng = LineFaults.parse(faults), np.random.default_rng(0)
+        self.silent_s, self.held_up_s = silent_s, held_up_s
+
+    @property
+    def now_s(self):
+        return self.clock.monotonic() - self.begin_s
+
+    @property
+    def ended(self):
+        return self.sent == self.events.size or self.now_s > self.silent_s + 5
+
+    def take(self, timeout):
+        self.clock.sleep(0.01)
+        if self.now_s > self.held_up_s:
+            self.clock.sleep(3)
+            self.held_up_s = math.inf
+        end = int(np.searchsorted(self.events.t, 1e6 * min(self.now_s, self.silent_s)))
+        end = min(end, self.sent + 2_000)  # as many as a line brings in this time
+        piece, self.sent = self.events[self.sent : end], end
+        data = self.faults.corrupt(self.encoder.encode(piece), self.rng) if piece.size else b""
+        return Chunk(data, self.clock.monotonic()) if data else None
+
+    def send(self, data, timeout=1.0):
+        pass
+
+    def stop(self):
+        pass
+
+
+@pytest.fixture
+def rover(monkeypatch, clock):
+    """Names of the program."""
+    follow = runpy.run_path(str(ROVER))["follow"]
+    monkeypatch.setitem(follow.__globals__, "time", clock)
+    return follow.__globals__
+
+
+@pytest.fixture
+def driven(monkeypatch, rover, street):
+    """Drive to a goal; return where that was reached, and each new speed with its time."""
+    # further than it drives on this street until it knows a place
+    monkeypatch.setitem(rover, "BLIND_M", 2.5)
+
+    def driven(camera, goal_m):
+        speeds = []
+
+        def drive(speed):
+            if not speeds or speeds[-1][0] != speed:
+                speeds.append((speed, camera.now_s))
+
+        monkeypatch.setattr("edge_vpr.live.session.LinkReader", lambda *_, **__: camera)
+        try:
+            return rover["follow"]("camera", "evpr", street[0], goal_m, drive), speeds
+        except SystemExit as ended:
+            return str(ended), speeds
+
+    return driven
+
+
+@pytest.mark.parametrize(
+    ("faults", "back_m", "places"), [("", 0, 2), ("flip=1e-4", 0, 3), ("", 70, 3)]
+)
+def test_a_rover_stops_near_its_goal(faults, back_m, places, driven, clock, street):
+    """On a damaged line too, and carried back to drive a part twice."""
+    map_path, events, track = street
+    off_s, goal_m = 0.0, 140 if back_m else 120
+    if back_m:
+        metres = track.at(events["t"])[:, 0]
+        first, again = events[metres < 100], events[metres > 100 - back_m].copy()
+        off_us = int(again["t"][0]) - int(first["t"][-1]) - 1
+        again.t -= off_us
+        events, off_s = join_events([first, again]), off_us / 1e6
+    camera = Camera(clock, events, faults)
+    reached_m, speeds = driven(camera, goal_m)
+    assert reached_m >= goal_m
+    assert speeds[-1] == (0.0, camera.now_s)
+    stopped_m = track.at(np.array([round(1e6 * (camera.now_s + off_s))]))[0, 0]
+    along_m = ReferenceMap.load(map_path).route.along_m
+    assert abs(stopped_m - goal_m) <= places * np.diff(along_m).max()
+
+
+def test_a_rover_whose_camera_falls_silent_stops_at_once(driven, clock, street):
+    """The port stays, as where a firmware hangs."""
+    reached, speeds = driven(Camera(clock, street[1], silent_s=15), 1_000)
+    assert reached is None
+    assert speeds[-2][0] == FAST and speeds[-2][1] < 15
+    assert speeds[-1][0] == 0.0 and 15 < speeds[-1][1] < 16
+
+
+def test_a_rover_that_knows_no_place_does_not_drive_on(driven, clock):
+    """As on a street that is not the map's; it has not heard all of it when it ends."""
+    camera = Camera(clock, join_events(list(simulate_pair(seed=5, length_m=200.0)[0])))
+    ended, speeds = driven(camera, 1_000)
+    assert "this may not be the route" in ended
+    assert not camera.ended
+    assert [speed for speed, _ in speeds] == [0.0, SLOW, 0.0]
+
+
+def test_a_rover_stands_while_matches_come_late(driven, clock, street):
+    """Here since its host stood for 3 s; it drives on with the matches of now."""
+    _, speeds = driven(Camera(clock, street[1], held_up_s=15), 1_000)
+    (at,) = (i for i, (_, at_s) in enumerate(speeds) if 18 < at_s < 18.1)
+    assert [speed for speed, _ in speeds[at : at + 3]] == [0.0, SLOW, FAST]
+
+
+def test_a_rover_whose_goal_never_comes_stops_where_the_line_ends(rover, street, tmp_path):
+    """Also of a file, whose matches have no age."""
+    sent, speeds = tmp_path / "sent.bin", []
+    sent.write_bytes(sent_by(street[1], SENSOR))
+    assert rover["follow"](str(sent), "evpr", street[0], 1_000, speeds.append) is None
+    assert FAST in speeds and speeds[-1] == 0.0
+
+
+def test_a_rover_whose_map_has_no_positions_does_not_move(rover, street, tmp_path):
+    replace(ReferenceMap.load(street[0]), route=None).save(tmp_path / "map.npz")
+    (tmp_path / "sent.bin").touch()
+    words, speeds = [str(tmp_path / name) for name in ("sent.bin", "map.npz")], []
+    with pytest.raises(SystemExit, match="has no positions"):
+        rover["follow"](words[0], "evpr", words[1], 30, speeds.append)
+    assert speeds == [0.0]
+
+
+@pytest.mark.parametrize(
+    ("port", "goal", "says"),
+    [("/dev/none", "30", "/dev/none: there is no such"), ("/dev/none", "far", "'far'")],
+)
+def test_the_rover_says_in_one_line_what_is_not_there(port, goal, says, street, monkeypatch):
+    monkeypatch.setattr("sys.argv", ["rover.py", port, "evpr", str(street[0]), goal])
+    with pytest.raises(SystemExit, match=says):
+        runpy.run_path(str(ROVER), run_name="__main__")
+
+
+def test_the_rover_says_what_it_takes(monkeypatch):
+    monkeypatch.setattr("sys.argv", ["rover.py", "--help"])
+    with pytest.raises(SystemExit, match="PORT PROTOCOL"):
+        runpy.run_path(str(ROVER), run_name="__main__")
