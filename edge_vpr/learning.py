@@ -14,8 +14,9 @@ import numpy as np
 import numpy.typing as npt
 
 from edge_vpr.compiling import plain
+from edge_vpr.descriptors.activity import activity_of_drive, find_pauses
 from edge_vpr.descriptors.codes import drive_mean
-from edge_vpr.descriptors.windows import Descriptors, activity_of_drive, find_pauses
+from edge_vpr.descriptors.windows import Descriptors
 from edge_vpr.errors import UsageError
 from edge_vpr.evaluation.facts import Drive
 from edge_vpr.evaluation.tracks import Track, distances

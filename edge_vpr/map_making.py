@@ -15,6 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from edge_vpr.archive import archive_kind
+from edge_vpr.descriptors.activity import activity_of_drive
 from edge_vpr.descriptors.cleaning import can_be_searched, find_hot_pixels, load_hot_pixels
 from edge_vpr.descriptors.codes import counted_events, drive_mean, limits_of, saturated
 from edge_vpr.descriptors.counting import (
@@ -37,12 +38,7 @@ from edge_vpr.descriptors.pixels import (
     too_few_pixels,
 )
 from edge_vpr.descriptors.published import WindowSource, check_counted, check_windows_only
-from edge_vpr.descriptors.windows import (
-    Descriptors,
-    FixedTime,
-    activity_of_drive,
-    overlapping,
-)
+from edge_vpr.descriptors.windows import Descriptors, FixedTime, overlapping
 from edge_vpr.drive_inputs import (
     AnyRecording,
     check_reading,

@@ -25,9 +25,10 @@ from edge_vpr.archive import (
     write_archive,
 )
 from edge_vpr.confidence import Acceptance, Confidence
+from edge_vpr.descriptors.activity import activity_of_drive
 from edge_vpr.descriptors.codes import counted_events, encode, saturated
 from edge_vpr.descriptors.pixels import PixelMap
-from edge_vpr.descriptors.windows import Descriptors, activity_of_drive, check_descriptors, narrow
+from edge_vpr.descriptors.windows import Descriptors, check_descriptors, narrow
 from edge_vpr.errors import MapError, UsageError, expect
 from edge_vpr.events import Sensor, SensorSize
 from edge_vpr.odometry import MOST_MM

@@ -7,7 +7,8 @@ from dataclasses import replace
 import numpy as np
 import numpy.typing as npt
 
-from edge_vpr.descriptors.windows import Descriptors, find_pauses, mean_of_query, narrow
+from edge_vpr.descriptors.activity import find_pauses, mean_of_query
+from edge_vpr.descriptors.windows import Descriptors, narrow
 from fixedpoint.activity import SUMS
 from fixedpoint.own_mean import FULL_SCALE, ContrastCode, RunningMean
 

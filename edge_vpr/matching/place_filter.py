@@ -20,8 +20,7 @@ import numpy.typing as npt
 
 from edge_vpr.archive import Arrays
 from edge_vpr.compiling import kernel
-from edge_vpr.descriptors.windows import (
-    Descriptors,
+from edge_vpr.descriptors.activity import (
     activity_of,
     activity_of_drive,
     is_pause,
@@ -30,6 +29,7 @@ from edge_vpr.descriptors.windows import (
     mean_activity_after,
     place_activity,
 )
+from edge_vpr.descriptors.windows import Descriptors
 from edge_vpr.errors import UsageError
 from edge_vpr.matching.distances import typical_distances
 from edge_vpr.matching.evidence import (

@@ -9,7 +9,8 @@ import numpy as np
 
 from edge_vpr.compiling import kernel
 from edge_vpr.confidence import NO_MISFIT, accept_match
-from edge_vpr.descriptors.windows import MAX_WINDOWS, is_pause
+from edge_vpr.descriptors.activity import is_pause
+from edge_vpr.descriptors.windows import MAX_WINDOWS
 from edge_vpr.errors import EventError
 from edge_vpr.events import TIME_LIMIT_US, Events, Sensor, check_after, check_events
 from edge_vpr.matching.match import write_distances

@@ -10,6 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from edge_vpr.descriptors.activity import find_pauses
 from edge_vpr.descriptors.codes import (
     counted_events,
     encode,
@@ -17,7 +18,6 @@ from edge_vpr.descriptors.codes import (
     saturated,
 )
 from edge_vpr.descriptors.published import PublishedWindows
-from edge_vpr.descriptors.windows import find_pauses
 from edge_vpr.reference_map import ReferenceMap
 from firmware_model.specification import (
     differences_of,

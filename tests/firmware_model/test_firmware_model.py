@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from edge_vpr.compiling import plain
-from edge_vpr.descriptors import windows
+from edge_vpr.descriptors import activity as activity_of_drives
 from edge_vpr.descriptors.codes import encode, saturated
 from edge_vpr.descriptors.counting import DescriptorStream
 from edge_vpr.descriptors.pixels import PixelMap
@@ -121,7 +121,7 @@ def test_the_activity_saturates_where_its_width_ends():
     ours, theirs = 0, 0
     for _ in range(2000):
         ours = mean_activity_after(ours, 1 << 40)
-        theirs = plain(windows.mean_activity_after)(theirs, 1 << 40)
+        theirs = plain(activity_of_drives.mean_activity_after)(theirs, 1 << 40)
     assert ours == theirs and ours.bit_length() == 31
 
 

@@ -10,9 +10,9 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from lab.codes import OwnMean, TableCode, _logarithm, usual_scales
 
+from edge_vpr.descriptors.activity import activity_of_drive, find_pauses, mean_of_query
 from edge_vpr.descriptors.codes import counted_events, limits_of
 from edge_vpr.descriptors.pixels import PixelMap
-from edge_vpr.descriptors.windows import activity_of_drive, find_pauses, mean_of_query
 from edge_vpr.events import Sensor
 from edge_vpr.settings import PRESETS
 from fixedpoint.own_mean import ContrastCode

@@ -18,8 +18,9 @@ from lab.loop import Draw, Drives
 from lab.pairs import INNER, CountedDrive, CountedPair, Kept, Pair
 
 from edge_vpr.confidence import Acceptance
+from edge_vpr.descriptors.activity import activity_of_drive, place_activity
 from edge_vpr.descriptors.pixels import PixelMap
-from edge_vpr.descriptors.windows import Descriptors, activity_of_drive, place_activity
+from edge_vpr.descriptors.windows import Descriptors
 from edge_vpr.evaluation.ground_truth import Alignment, from_alignment
 from edge_vpr.events import Sensor
 from edge_vpr.matching.distances import ReferenceIndex

@@ -13,8 +13,9 @@ import numpy.typing as npt
 import pytest
 
 from edge_vpr import ReferenceMap, UsageError
+from edge_vpr.descriptors.activity import activity_of_drive, find_pauses
 from edge_vpr.descriptors.counting import count_places
-from edge_vpr.descriptors.windows import Descriptors, activity_of_drive, find_pauses
+from edge_vpr.descriptors.windows import Descriptors
 from edge_vpr.evaluation.tracks import Track
 from edge_vpr.learning import MOST_DRIVES, align, learn_drive
 from edge_vpr.simulation import REFERENCE, SimulatedRecording, simulate_pair

@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from edge_vpr.confidence import OFF_MAP_MISFIT
-from edge_vpr.descriptors.windows import (
+from edge_vpr.descriptors.activity import (
     activity_of,
     activity_of_drive,
     find_pauses,

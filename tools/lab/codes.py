@@ -13,8 +13,9 @@ from typing import Literal, Protocol
 import numpy as np
 import numpy.typing as npt
 
+from edge_vpr.descriptors.activity import activity_of_drive
 from edge_vpr.descriptors.codes import counted_events, drive_mean, encode, limits_of
-from edge_vpr.descriptors.windows import Descriptors, activity_of_drive, narrow
+from edge_vpr.descriptors.windows import Descriptors, narrow
 from edge_vpr.reference_map import ReferenceMap
 from fixedpoint.own_mean import ContrastCode
 

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from edge_vpr.descriptors.windows import place_activity
+from edge_vpr.descriptors.activity import place_activity
 from edge_vpr.matching.distances import typical_distances
 from edge_vpr.matching.prediction import bias_of
 from edge_vpr.reference_map import ReferenceMap

@@ -11,7 +11,8 @@ import numpy.typing as npt
 from edge_vpr_tools.sweep.trial import fastest
 
 from edge_vpr.confidence import Acceptance
-from edge_vpr.descriptors.windows import Descriptors, activity_of_drive, place_activity
+from edge_vpr.descriptors.activity import activity_of_drive, place_activity
+from edge_vpr.descriptors.windows import Descriptors
 from edge_vpr.errors import UsageError
 from edge_vpr.matching.distances import ReferenceIndex
 from edge_vpr.matching.drive import match_by_filter
