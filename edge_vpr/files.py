@@ -1,4 +1,4 @@
-"""Writing of files and folders whole or not at all, whatever ends the run.
+"""Writing of files and folders whole or not at all, whatever ends the run; opening of files.
 
 A result is written into a hidden folder next to its place, ``.edge-vpr-*.part``, and then renamed.
 An old folder is first renamed to ``edge-vpr-old-*``, and removed when the new one is in place.
@@ -18,22 +18,18 @@ from __future__ import annotations
 
 import errno
 import fcntl
-import json
-import math
 import os
 import re
 import secrets
 import shutil
 import stat
 import tempfile
-import tomllib
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, suppress
 from io import BufferedReader
 from pathlib import Path
-from typing import Any
 
-from edge_vpr.errors import EdgeVprError, UsageError, printable
+from edge_vpr.errors import UsageError
 
 _WORK = re.compile(r"\.edge-vpr-[0-9a-f]{16}\.part")
 #: errors that only writing raises, often without the name of a file
@@ -430,94 +426,3 @@ def check_is_file(path: str | Path) -> None:
 
 
 _KINDS = {stat.S_IFDIR: "folder", stat.S_IFIFO: "pipe", stat.S_IFSOCK: "socket"}
-
-
-# Reading of TOML and JSON files; any fault in them raises one `UsageError`.
-
-
-#: longest file; a manifest has some megabytes
-MOST_BYTES = 64 << 20
-
-
-def read_toml(path: str | Path, what: str, remedy: str) -> dict[str, Any]:
-    """Read a TOML file.
-
-    Parameters
-    ----------
-    what : str
-        What is read from it, for the message: "settings".
-
-    Raises
-    ------
-    UsageError
-        If it cannot be read, has more than 1 MiB, or is no TOML.
-    """
-    return _read(path, what, remedy, 1 << 20, tomllib.loads)
-
-
-def read_json(path: str | Path, what: str, remedy: str) -> dict[str, Any]:
-    """Read a JSON file with an object of names and values; see `read_toml`.
-
-    Raises
-    ------
-    UsageError
-        If it cannot be read, is longer than `MOST_BYTES`, or holds something else, or a number in
-        it is not finite.
-    """
-    return _read(path, what, remedy, MOST_BYTES, _parse_json)
-
-
-def _parse_json(text: str) -> Any:
-    """Parse JSON; refuse what Python reads and JSON does not have: NaN and infinity."""
-    return json.loads(text, parse_constant=_finite, parse_float=_finite)
-
-
-def _finite(text: str) -> float:
-    value = float(text)
-    if not math.isfinite(value):
-        raise ValueError(f"{printable(text, 40)} is not a finite number")
-    return value
-
-
-def _read(
-    path: str | Path, what: str, remedy: str, most: int, parse: Callable[[str], Any]
-) -> dict[str, Any]:
-    fault = f"cannot read {what} from {path}"
-    try:
-        with open_input(path) as file:
-            raw = file.read(most + 1)
-    except (OSError, ValueError) as error:  # ValueError: a zero byte in the name
-        reason = getattr(error, "strerror", None) or error
-        raise UsageError(f"{fault}: {reason}: {remedy}") from error
-    if len(raw) > most:
-        raise UsageError(f"{fault}: it has more than {most} bytes: {remedy}")
-    try:
-        values = parse(raw.decode("utf-8-sig"))
-    # parsers also raise other errors for deep nesting, long numbers and invalid dates
-    except Exception as error:
-        raise UsageError(f"{fault}: {printable(error, 200)}: {remedy}") from error
-    if not isinstance(values, dict):
-        raise UsageError(
-            f"{fault}: it holds a {type(values).__name__}, not names and values: {remedy}"
-        )
-    return values
-
-
-@contextmanager
-def parse_errors(path: str | Path, what: str, remedy: str) -> Iterator[None]:
-    """Convert errors that the values of a file raise to a `UsageError` that names the file.
-
-    Parameters
-    ----------
-    what, remedy : str
-        As for `read_toml`.
-    """
-    try:
-        yield
-    except EdgeVprError:
-        raise
-    except KeyError as error:
-        raise UsageError(f"cannot read {what} from {path}: it lacks {error}: {remedy}") from error
-    except Exception as error:
-        reason = printable(error, 200) or type(error).__name__
-        raise UsageError(f"cannot read {what} from {path}: {reason}: {remedy}") from error

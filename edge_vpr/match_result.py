@@ -50,6 +50,7 @@ from edge_vpr.online.schedule import MatchSchedule
 from edge_vpr.recordings import Faults, Recording
 from edge_vpr.recordings.memory import FORMAT as MEMORY
 from edge_vpr.recordings.reading import EventSource
+from edge_vpr.records import write_json
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.results import (
     MAP,
@@ -64,7 +65,6 @@ from edge_vpr.results import (
     read_run,
     results_folder,
     run_record,
-    write_json,
 )
 from edge_vpr.settings import Score, Settings
 

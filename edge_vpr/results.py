@@ -1,33 +1,21 @@
-"""Results: folders that are written whole or not at all, records in JSON, provenance."""
+"""Folders of results, which are written whole or not at all, and the record of their run."""
 
 from __future__ import annotations
 
 import datetime
 import hashlib
-import json
-import math
 import platform
-import types
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import MISSING, dataclass, field, fields, is_dataclass
-from functools import cache
+from dataclasses import dataclass, field
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any, Literal, TypeVar, Union, get_args, get_origin, get_type_hints
+from typing import Any
 
-from edge_vpr.errors import EdgeVprError, UsageError, printable
-from edge_vpr.files import (
-    check_new_file,
-    open_input,
-    read_json,
-    replacing,
-    replacing_folder,
-)
+from edge_vpr.errors import UsageError
+from edge_vpr.files import check_new_file, open_input, replacing_folder
+from edge_vpr.records import LEFT_OUT, read_record
 from edge_vpr.run_log import command_line, warnings_so_far
-
-# Folders of results, which are written whole or not at all.
-
 
 MAP, MATCHES, MATCHES_CSV, QUERIES = "map.npz", "matches.npz", "matches.csv", "queries.npz"
 QUERIES_KIND = "set of query descriptors"
@@ -82,189 +70,6 @@ def results_folder(
     check_output_folder(path, overwrite, inputs)
     with replacing_folder(path, overwrite) as folder:
         yield folder
-
-
-# Conversion of frozen dataclasses to and from JSON, with all checks of such files.
-#
-# The names of the fields are the names in the file. Fields that the class does not have are
-# ignored, so that a file of a newer version with the same schema can be read.
-#
-# msgspec reads most of these records equally, and faster. It refuses a union of two dataclasses and
-# has named tuples as lists, both of which profiles need; it cannot leave out fields of dataclasses
-# that are None, so that writing would stay as it is; and its errors do not contain the value.
-
-
-T = TypeVar("T")
-
-#: metadata of a field that is not written while it is None
-LEFT_OUT: Mapping[str, bool] = {"left_out": True}
-_NUMBERS = {float: "a number", int: "an integer", str: "text", bool: "true or false"}
-
-
-class RecordError(EdgeVprError):
-    """Values from a file do not fit the expected record."""
-
-
-def read_record(kind: type[T], path: Path, what: str, remedy: str) -> T:
-    """Read a record from a JSON file; see `from_json` and `edge_vpr.files.read_json`.
-
-    Raises
-    ------
-    UsageError
-        If the file cannot be read, or a field of it is missing or of a wrong type.
-    """
-    try:
-        return from_json(kind, read_json(path, what, remedy))
-    except RecordError as error:
-        raise UsageError(
-            f"cannot read {what} from {path}: {printable(error, 200)}: {remedy}"
-        ) from error
-
-
-def read_run(folder: Path) -> RunRecord:
-    """Read the record of the run that wrote a folder of results."""
-    return read_record(RunRecord, folder / RUN, "the run", "match again")
-
-
-def to_json(value: Any) -> Any:
-    """Return a record as values that JSON can hold.
-
-    Parameters
-    ----------
-    value : object
-        A dataclass, a named tuple, or a sequence or mapping of them.
-
-    Returns
-    -------
-    object
-        Dictionaries, lists and plain values; None for a number that is not finite.
-    """
-    if is_dataclass(value) and not isinstance(value, type):
-        named = ((each, getattr(value, each.name)) for each in fields(value))
-        return {
-            each.name: to_json(one)
-            for each, one in named if one is not None or not each.metadata.get("left_out")
-        }  # fmt: skip
-    if isinstance(value, tuple) and hasattr(value, "_asdict"):
-        return {name: to_json(one) for name, one in value._asdict().items()}
-    if isinstance(value, Mapping):
-        return {name: to_json(one) for name, one in value.items()}
-    if isinstance(value, list | tuple):
-        return [to_json(one) for one in value]
-    if isinstance(value, float) and not math.isfinite(value):
-        return None
-    return value
-
-
-def json_text(value: Any, indent: int | None = None) -> str:
-    """Return a record as the text of a JSON file; numbers that are not finite are null."""
-    return json.dumps(to_json(value), indent=indent, allow_nan=False)
-
-
-def from_json(kind: type[T], value: object, where: str = "") -> T:
-    """Build a record from values of JSON.
-
-    Parameters
-    ----------
-    kind : type
-        A dataclass or a named tuple of plain values, tuples, mappings by name, and records.
-    value : object
-        As read, and not trusted.
-    where : str
-        Names of the fields that lead to it, for the message.
-
-    Raises
-    ------
-    RecordError
-        If a field is missing, or is not of its type.
-    """
-    values = _names(value, where)
-    record: Any = kind
-    by_field = {}
-    for name, hint in _hints(record).items():
-        if name in values:
-            by_field[name] = _value(hint, values[name], f"{where}.{name}" if where else name)
-        elif name not in _defaults(record):
-            raise RecordError(f"{where or 'the file'} lacks {name}")
-    return kind(**by_field)
-
-
-@cache
-def _hints(kind: Any) -> Mapping[str, Any]:
-    return get_type_hints(kind)
-
-
-@cache
-def _defaults(kind: Any) -> frozenset[str]:
-    if not is_dataclass(kind):
-        return frozenset(kind._field_defaults)
-    return frozenset(
-        field.name for field in fields(kind)
-        if field.default is not MISSING or field.default_factory is not MISSING
-    )  # fmt: skip
-
-
-def _value(hint: Any, value: object, where: str) -> Any:
-    origin, arguments = get_origin(hint), get_args(hint)
-    if origin in (Union, types.UnionType):
-        return _any_of(arguments, value, where)
-    if origin is Literal:
-        if value not in arguments:
-            raise RecordError(f"{where} is {value!r}: expected one of {', '.join(arguments)}")
-        return value
-    if origin is tuple:
-        return _sequence(arguments, value, where)
-    if origin is not None and issubclass(origin, Mapping):
-        return {
-            name: _value(arguments[1], one, f"{where}.{name}")
-            for name, one in _names(value, where).items()
-        }
-    if hint is Any:
-        return value
-    if hint in _NUMBERS:
-        # some programs write 1.0 as 1; true and false are not numbers
-        fits = isinstance(value, int | float if hint is float else hint)
-        if not fits or (isinstance(value, bool) and hint is not bool):
-            raise RecordError(f"{where} is {value!r}: expected {_NUMBERS[hint]}")
-        try:
-            return hint(value)
-        except OverflowError:
-            raise RecordError(f"{where} is {value!r}: expected a smaller number") from None
-    return value if isinstance(value, hint) else from_json(hint, value, where)
-
-
-def _any_of(kinds: tuple[Any, ...], value: object, where: str) -> Any:
-    """Return the value as the first kind that it fits; the error is that of the last one."""
-    if value is None and types.NoneType in kinds:
-        return None
-    *others, last = (kind for kind in kinds if kind is not types.NoneType)
-    for kind in others:
-        try:
-            return _value(kind, value, where)
-        except RecordError:
-            continue
-    return _value(last, value, where)
-
-
-def _sequence(kinds: tuple[Any, ...], value: object, where: str) -> tuple[Any, ...]:
-    if not isinstance(value, list | tuple):
-        raise RecordError(f"{where} is {value!r}: expected a list")
-    if kinds[1:] == (...,):
-        kinds = kinds[:1] * len(value)
-    if len(kinds) != len(value):
-        raise RecordError(f"{where} has {len(value)} values: expected {len(kinds)}")
-    return tuple(
-        _value(kind, one, f"{where}[{i}]")
-        for i, (kind, one) in enumerate(zip(kinds, value, strict=True))
-    )
-
-
-def _names(value: object, where: str) -> Mapping[str, Any]:
-    if not isinstance(value, Mapping):
-        raise RecordError(
-            f"{where or 'the file'} holds a {type(value).__name__}: expected names and values"
-        )
-    return value
 
 
 # The record of a run: command, settings, versions, machine, and the files it read.
@@ -375,10 +180,9 @@ def processor_name() -> str:
     return platform.processor() or platform.machine()
 
 
-def write_json(path: Path, values: object) -> None:
-    """Write a record, or values by name, as indented JSON, atomically."""
-    with replacing(path) as temporary:
-        temporary.write_text(json_text(values, indent=2) + "\n", encoding="utf-8")
+def read_run(folder: Path) -> RunRecord:
+    """Read the record of the run that wrote a folder of results."""
+    return read_record(RunRecord, folder / RUN, "the run", "match again")
 
 
 def _files(path: Path) -> list[Path]:

@@ -27,7 +27,7 @@ from typing import (
 )
 
 from edge_vpr.errors import UsageError, as_path, did_you_mean, expect
-from edge_vpr.files import read_toml
+from edge_vpr.records import read_toml
 from fixedpoint.formats import CONTRAST_BITS, MAX_BITS, MAX_COUNT
 
 if TYPE_CHECKING:

@@ -7,7 +7,7 @@ import json
 import numpy as np
 from lab.loop import run_trial, table_rows, trials_of
 
-from edge_vpr.results import json_text
+from edge_vpr.records import json_text
 
 
 def rows_of(module, data=None, seeds=1):

@@ -26,8 +26,9 @@ from edge_vpr.evaluation.ground_truth import load_alignment, load_matrix
 from edge_vpr.evaluation.tables import load_odometry
 from edge_vpr.evaluation.track_files import load_track
 from edge_vpr.events import Sensor
-from edge_vpr.files import check_output, clear_dead_runs, read_json, replacing, replacing_folder
+from edge_vpr.files import check_output, clear_dead_runs, replacing, replacing_folder
 from edge_vpr.live.protocols import open_decoder
+from edge_vpr.records import read_json
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.settings import resolve_settings
 from firmware_model.design import Design

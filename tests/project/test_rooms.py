@@ -66,7 +66,7 @@ def test_edge_vpr_imports_neither_firmware_model_nor_tools():
 
 #: stages of the pipeline; each imports only those before it
 STAGES = [
-    *("errors", "run_log", "files", "plugins", "compiling", "archive"),
+    *("errors", "run_log", "files", "records", "plugins", "compiling", "archive"),
     *("settings", "events", "results"),
     *("confidence", "route", "odometry", "recordings", "descriptors", "reference_map", "matching"),
     *("evaluation", "simulation", "online", "learning"),

@@ -43,8 +43,8 @@ from edge_vpr_tools.profile.sensors.sensor import About, Sensor, SensorError
 from edge_vpr_tools.profile.workload import Throughput
 
 from edge_vpr.errors import UsageError
+from edge_vpr.records import from_json, to_json
 from edge_vpr.reference_map import ReferenceMap
-from edge_vpr.results import from_json, to_json
 from tests.live.devices import Clock, wait_until
 
 HWMON = "sys/class/hwmon"

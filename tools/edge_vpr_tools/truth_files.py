@@ -24,10 +24,10 @@ from edge_vpr.evaluation.ground_truth import (
 )
 from edge_vpr.evaluation.track_files import load_track
 from edge_vpr.evaluation.tracks import MAX_GAP_US, Track
-from edge_vpr.files import parse_errors, read_json
 from edge_vpr.match_result import MatchResult
 from edge_vpr.recordings import parse_period
-from edge_vpr.results import RecordError, RunRecord, from_json
+from edge_vpr.records import RecordError, from_json, parse_errors, read_json
+from edge_vpr.results import RunRecord
 from edge_vpr_tools.cli import VerbParser, find_verb
 from edge_vpr_tools.console import note
 

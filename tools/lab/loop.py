@@ -23,7 +23,7 @@ from edge_vpr_tools.workers import error_text, mapped, trial_line
 from matplotlib.figure import Figure
 
 from edge_vpr.errors import EdgeVprError, UsageError
-from edge_vpr.results import json_text
+from edge_vpr.records import json_text
 from lab.tables import SEED, TableView, table_of
 
 #: what a row is named by, and what was measured

@@ -19,7 +19,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> None:
     """Print the facts."""
-    from edge_vpr.results import json_text
+    from edge_vpr.records import json_text
     from edge_vpr_tools.doctor import facts
 
     if args.json:

@@ -140,7 +140,7 @@ def _of_flags(args: argparse.Namespace) -> Design:
 
 def run(args: argparse.Namespace) -> None:
     """Count, model, and print."""
-    from edge_vpr.results import json_text, to_json
+    from edge_vpr.records import json_text, to_json
     from edge_vpr_tools.estimate import fitting, show
     from edge_vpr_tools.estimate.model import Mission, cost, search_work, sizes
     from edge_vpr_tools.estimate.targets import find, names

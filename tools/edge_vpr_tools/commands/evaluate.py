@@ -95,8 +95,7 @@ def run(args: argparse.Namespace) -> None:
     from edge_vpr import results
     from edge_vpr.evaluation.metrics import evaluate
     from edge_vpr.evaluation.tracks import with_positions
-    from edge_vpr.files import read_json
-    from edge_vpr.results import json_text, write_json
+    from edge_vpr.records import json_text, read_json, write_json
     from edge_vpr_tools.report.traverse import (
         MISSED,
         evaluated,

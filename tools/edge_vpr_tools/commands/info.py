@@ -107,8 +107,8 @@ def run(args: argparse.Namespace) -> None:
     from edge_vpr.events import LONGEST_SIDE
     from edge_vpr.recordings import format_of
     from edge_vpr.recordings.reading import SensorNotStated
+    from edge_vpr.records import json_text
     from edge_vpr.reference_map import KIND, ReferenceMap
-    from edge_vpr.results import json_text
 
     if archive_kind(args.recording) == KIND:
         if args.track is not None:

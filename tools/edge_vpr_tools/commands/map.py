@@ -111,8 +111,9 @@ def run(args: argparse.Namespace) -> None:
     from edge_vpr.evaluation.facts import Drive, facts
     from edge_vpr.evaluation.track_files import load_track
     from edge_vpr.files import check_new_file, check_new_map
+    from edge_vpr.records import json_text, to_json, write_json
     from edge_vpr.reference_map import KIND, ReferenceMap
-    from edge_vpr.results import json_text, run_record, to_json, write_json
+    from edge_vpr.results import run_record
 
     output = Path(args.output)
     # a map is read whole before it is written

@@ -98,6 +98,7 @@ def run(args: argparse.Namespace) -> None:
     from edge_vpr.files import check_new_file
     from edge_vpr.match_result import OnlineMetrics
     from edge_vpr.matching.drive import query_distances
+    from edge_vpr.records import json_text
     from edge_vpr.reference_map import KIND as MAP_KIND
     from edge_vpr.reference_map import ReferenceMap
     from edge_vpr.route import length_m
@@ -154,7 +155,7 @@ def run(args: argparse.Namespace) -> None:
 
             write_report(folder, result, run, outcome, args.figures, facts, remarks=remarks)
     if args.json:
-        print(results.json_text({} if metrics is None else metrics))
+        print(json_text({} if metrics is None else metrics))
     summary(f"{output}: {outcome.sentence}")
     for remark in remarks:
         summary(remark)

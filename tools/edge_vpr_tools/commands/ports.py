@@ -58,7 +58,7 @@ def lasting_name(port: str) -> str | None:
 
 def run(args: argparse.Namespace) -> None:
     """List the ports."""
-    from edge_vpr.results import json_text
+    from edge_vpr.records import json_text
 
     attached = attached_ports()
     if args.json:

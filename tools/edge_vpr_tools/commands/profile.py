@@ -90,7 +90,7 @@ def _workload_of(args: argparse.Namespace) -> Workload:
 def run(args: argparse.Namespace) -> None:
     """Profile this machine."""
     from edge_vpr import results
-    from edge_vpr.results import write_json
+    from edge_vpr.records import json_text, write_json
     from edge_vpr_tools.profile.measurement import Plan
     from edge_vpr_tools.profile.profiling import profile
     from edge_vpr_tools.profile.sensors.search import choose_sensor
@@ -117,6 +117,6 @@ def run(args: argparse.Namespace) -> None:
             write_json(folder / results.RUN, measured.run)
             write_profile(measured, folder)
     if args.json:
-        print(results.json_text(measured))
+        print(json_text(measured))
     show(measured)
     summary(f"see {output / results.REPORT}")

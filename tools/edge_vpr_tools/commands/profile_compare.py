@@ -38,7 +38,7 @@ class Compared(NamedTuple):
 
 def run(args: argparse.Namespace) -> None:
     """Print the figures of both profiles, and the ratio of what both have."""
-    from edge_vpr.results import json_text
+    from edge_vpr.records import json_text
     from edge_vpr_tools.console import say, table
     from edge_vpr_tools.profile.profiling import Profile, numbers
     from edge_vpr_tools.profile.show import COMPARED, WIDTH, cell, check_shown, notes

@@ -57,7 +57,8 @@ def run(args: argparse.Namespace) -> None:
     from edge_vpr.evaluation.tables import save_odometry
     from edge_vpr.evaluation.track_files import save_track
     from edge_vpr.recordings import write_recording
-    from edge_vpr.results import RUN, check_output_folder, results_folder, run_record, write_json
+    from edge_vpr.records import write_json
+    from edge_vpr.results import RUN, check_output_folder, results_folder, run_record
     from edge_vpr.simulation import QUERY, REFERENCE, simulate_pair
     from edge_vpr.simulation.drive import wheel_odometry
 

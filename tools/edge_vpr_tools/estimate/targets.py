@@ -10,8 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from edge_vpr.errors import UsageError
-from edge_vpr.files import parse_errors, read_toml
-from edge_vpr.results import RecordError, from_json
+from edge_vpr.records import RecordError, from_json, parse_errors, read_toml
 from edge_vpr_tools.estimate.emulation import scaling
 
 _HERE = Path(__file__).parent

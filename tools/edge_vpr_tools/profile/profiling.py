@@ -15,8 +15,8 @@ from typing import NamedTuple
 import numpy as np
 
 from edge_vpr.errors import UsageError
-from edge_vpr.files import parse_errors, read_json
-from edge_vpr.results import RecordError, RunRecord, from_json, run_record
+from edge_vpr.records import RecordError, from_json, parse_errors, read_json
+from edge_vpr.results import RunRecord, run_record
 from edge_vpr_tools.console import note
 from edge_vpr_tools.profile.conditions import Conditions, void_because
 from edge_vpr_tools.profile.measurement import (

@@ -11,8 +11,7 @@ from statistics import fmean
 from matplotlib.figure import Figure
 
 from edge_vpr import results
-from edge_vpr.files import parse_errors
-from edge_vpr.results import write_json
+from edge_vpr.records import parse_errors, write_json
 from edge_vpr_tools.console import say, table
 from edge_vpr_tools.profile.measurement import Energy
 from edge_vpr_tools.profile.profiling import (

@@ -19,7 +19,8 @@ from matplotlib.layout_engine import ConstrainedLayoutEngine
 from edge_vpr.errors import UsageError
 from edge_vpr.evaluation.metrics import Evaluation
 from edge_vpr.match_result import MatchResult
-from edge_vpr.results import METRICS, results_folder, to_json, write_json
+from edge_vpr.records import to_json, write_json
+from edge_vpr.results import METRICS, results_folder
 from edge_vpr_tools.report.figures import (
     TIME,
     WIDTH,

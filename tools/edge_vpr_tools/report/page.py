@@ -12,7 +12,8 @@ from string import Template
 from edge_vpr import __version__
 from edge_vpr.errors import escaped
 from edge_vpr.files import replacing
-from edge_vpr.results import RunRecord, json_text
+from edge_vpr.records import json_text
+from edge_vpr.results import RunRecord
 from edge_vpr.settings import setting_words
 
 _TEMPLATES = Path(__file__).parent / "templates"

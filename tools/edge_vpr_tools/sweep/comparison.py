@@ -13,7 +13,8 @@ import numpy as np
 import numpy.typing as npt
 from matplotlib.figure import Figure
 
-from edge_vpr.results import RUN, run_record, write_json
+from edge_vpr.records import write_json
+from edge_vpr.results import RUN, run_record
 from edge_vpr_tools.console import table
 from edge_vpr_tools.report.spreadsheets import write_spreadsheet
 from edge_vpr_tools.report.style import CYCLE, figure, name_label, save

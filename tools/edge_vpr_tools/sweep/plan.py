@@ -10,8 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from edge_vpr.errors import UsageError, did_you_mean
-from edge_vpr.files import read_toml
-from edge_vpr.results import RecordError, from_json
+from edge_vpr.records import RecordError, from_json, read_toml
 from edge_vpr.settings import SETTING_FIELDS, Settings, resolve_settings
 from edge_vpr_tools.sweep.trial import PairOfDrives, Trial
 
