@@ -21,6 +21,8 @@ from tests.live.devices import sent_by
 SENSOR = Sensor(128, 128)
 ROVER = Path(__file__).parents[2] / "examples/rover.py"
 SLOW, FAST = 0.2, 1.0
+#: Further than it drives on the map's street until it knows a place.
+KNOWS_M = 2.5
 
 
 class Camera:
@@ -79,8 +81,6 @@ def rover(monkeypatch, clock):
 @pytest.fixture
 def driven(monkeypatch, rover, street):
     """Drive to a goal; return where that was reached, and each new speed with its time."""
-    # further than it drives on this street until it knows a place
-    monkeypatch.setitem(rover, "BLIND_M", 2.5)
 
     def driven(camera, goal_m):
         speeds = []
@@ -120,16 +120,18 @@ def test_a_rover_stops_near_its_goal(faults, back_m, places, driven, clock, stre
     assert abs(stopped_m - goal_m) <= places * np.diff(along_m).max()
 
 
-def test_a_rover_whose_camera_falls_silent_stops_at_once(driven, clock, street):
+def test_a_rover_whose_camera_falls_silent_stops_at_once(driven, rover, clock, street):
     """The port stays, as where a firmware hangs."""
+    rover["BLIND_M"] = KNOWS_M
     reached, speeds = driven(Camera(clock, street[1], silent_s=15), 1_000)
     assert reached is None
     assert speeds[-2][0] == FAST and speeds[-2][1] < 15
     assert speeds[-1][0] == 0.0 and 15 < speeds[-1][1] < 16
 
 
-def test_a_rover_that_knows_no_place_does_not_drive_on(driven, clock):
+def test_a_rover_that_knows_no_place_does_not_drive_on(driven, rover, clock):
     """As on a street that is not the map's; it has not heard all of it when it ends."""
+    rover["BLIND_M"] = KNOWS_M
     camera = Camera(clock, join_events(list(simulate_pair(seed=5, length_m=200.0)[0])))
     ended, speeds = driven(camera, 1_000)
     assert "this may not be the route" in ended
