@@ -3,16 +3,25 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from edge_vpr.archive import EqualByValue
-from edge_vpr.errors import UsageError, expect
+from edge_vpr.archive import EqualByValue, check_array, check_range
+from edge_vpr.errors import MapError, UsageError, expect
 from edge_vpr.events import TIME_LIMIT_US
 
 #: longest distance, in millimetres: a million kilometres
 MOST_MM = 1 << 40
+
+
+def check_distance_driven(odometer_mm: npt.NDArray[Any], places: int) -> None:
+    """Check that there is a distance of each place, and that it never falls."""
+    check_array(odometer_mm, "the distance driven", (np.int64,), (places,))
+    check_range(odometer_mm, "the distance driven", 0, MOST_MM)
+    if (np.diff(odometer_mm) < 0).any():
+        raise MapError("the distance driven falls from place to place: expected that it rises")
 
 
 @dataclass(frozen=True, eq=False)

@@ -31,7 +31,7 @@ from edge_vpr.descriptors.pixels import PixelMap
 from edge_vpr.descriptors.windows import Descriptors, check_descriptors, narrow
 from edge_vpr.errors import MapError, UsageError, expect
 from edge_vpr.events import Sensor, SensorSize
-from edge_vpr.odometry import MOST_MM
+from edge_vpr.odometry import MOST_MM, check_distance_driven
 from edge_vpr.recordings.reading import Camera
 from edge_vpr.route import Route, length_m
 from edge_vpr.settings import MatchingChanges, Preset, SettingChanges, Settings
@@ -47,20 +47,6 @@ if TYPE_CHECKING:
     from edge_vpr.match_result import MatchResult
     from edge_vpr.online.localiser import Localiser
     from edge_vpr.online.schedule import MatchSchedule
-
-# Checks of parts of a map that kernels use as indices.
-
-
-def check_distance_driven(odometer_mm: npt.NDArray[Any], places: int) -> None:
-    """Check that there is a distance of each place, and that it never falls."""
-    check_array(odometer_mm, "the distance driven", (np.int64,), (places,))
-    check_range(odometer_mm, "the distance driven", 0, MOST_MM)
-    if (np.diff(odometer_mm) < 0).any():
-        raise MapError("the distance driven falls from place to place: expected that it rises")
-
-
-# A map.
-
 
 KIND = "reference map"
 #: arrays that only some maps have

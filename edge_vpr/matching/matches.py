@@ -110,17 +110,6 @@ class Matches(EqualByValue):
         return self.time_us / 1e6
 
     @property
-    def distance_sum(self) -> npt.NDArray[np.int64]:
-        """Sum of the L distances along the sequence, L times `distance`, shape (n,)."""
-        return np.rint(self.distance * self.settings.windows_per_match).astype(np.int64)
-
-    @property
-    def second_sum(self) -> npt.NDArray[np.int64]:
-        """The same of the second-best place, shape (n,); -1 if there is none."""
-        sums = np.nan_to_num(self.second_distance) * self.settings.windows_per_match
-        return np.where(self.second < 0, -1, np.rint(sums)).astype(np.int64)
-
-    @property
     def net_trust(self) -> npt.NDArray[np.int64]:
         """Trust less misfit, see `confidence.net_trust`."""
         return net_trust(self.trust, self.misfit)
@@ -177,8 +166,6 @@ class Matches(EqualByValue):
             Replace an existing file.
         """
         arrays = {name: getattr(self, name) for name in _COLUMNS}
-        # for readers that open the file with NumPy only
-        arrays |= {"distance_sum": self.distance_sum, "second_sum": self.second_sum}
         meta = {"settings": self.settings.to_dict(), "places_in_map": self.places_in_map}
         write_archive(path, KIND, arrays, meta, overwrite=overwrite)
 

@@ -14,8 +14,7 @@ import numpy.typing as npt
 
 from edge_vpr.compiling import kernel
 from edge_vpr.errors import UsageError
-from edge_vpr.odometry import MOST_MM
-from edge_vpr.reference_map import check_distance_driven
+from edge_vpr.odometry import MOST_MM, check_distance_driven
 from edge_vpr.settings import MOST_COST, Settings
 from fixedpoint.activity import (
     BANK_COSTS,

@@ -11,8 +11,7 @@ from edge_vpr.compiling import kernel
 from edge_vpr.confidence import NO_MISFIT, accept_match
 from edge_vpr.descriptors.activity import is_pause
 from edge_vpr.descriptors.windows import MAX_WINDOWS
-from edge_vpr.errors import EventError
-from edge_vpr.events import TIME_LIMIT_US, Events, Sensor, check_after, check_events
+from edge_vpr.events import TIME_LIMIT_US
 from edge_vpr.matching.match import write_distances
 from edge_vpr.matching.place_filter import FilterState, WindowRows, end_window, match_window
 from edge_vpr.matching.prediction import FilterTable
@@ -154,7 +153,7 @@ def selected_in_order(table, t, x, y, floor, slots, times):
     Returns
     -------
     int
-        Number of events at selected pixels; -1 for invalid events, see `check_order`.
+        Number of events at selected pixels; -1 for invalid events, see `Localiser.update`.
     """
     last, n = floor, 0
     for i in range(t.size):
@@ -168,31 +167,6 @@ def selected_in_order(table, t, x, y, floor, slots, times):
             times[n] = now
             n += 1
     return n
-
-
-def check_order(events: Events, floor_us: int, sensor: Sensor) -> None:
-    """Raise the error of events that `selected_in_order` refuses.
-
-    Parameters
-    ----------
-    events : Events
-        At least one.
-    floor_us : int
-        Earliest allowed time: that of the last event before these, or up to which time has advanced
-        without events.
-
-    Raises
-    ------
-    EventError
-        If time runs backwards or a pixel lies off the sensor.
-    """
-    check_after(events, floor_us)
-    last = int(events.t[-1])
-    if last > TIME_LIMIT_US:
-        raise EventError(
-            f"an event at {last} us lies beyond {TIME_LIMIT_US} us: check the unit of its clock"
-        )
-    check_events(events, sensor)
 
 
 # The kernel of the localiser, which processes events to matches without returning to Python.

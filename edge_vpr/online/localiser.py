@@ -19,6 +19,7 @@ from edge_vpr.events import (
     TIME_LIMIT_US,
     Events,
     as_events,
+    check_events,
 )
 from edge_vpr.matching.match import MATCH_DTYPE, NO_MATCHES, MatchRows, join_matches
 from edge_vpr.matching.place_filter import NUMBERS, PlaceFilter
@@ -31,7 +32,6 @@ from edge_vpr.online.kernels import (
     RING_FULL,
     WINDOW_OVER,
     Stop,
-    check_order,
     process_events,
 )
 from edge_vpr.online.schedule import MatchSchedule
@@ -217,8 +217,14 @@ class Localiser:
 
     def _check(self, events: Events) -> None:
         """Raise the error of events, if there is one."""
-        check_order(events, self.floor_us, self._reference.pixel_map.sensor)
-        self.every.check_ticks(self.next_tick, int(events.t[-1]))
+        check_events(events, self._reference.pixel_map.sensor, after=self.floor_us)
+        last_us = int(events.t[-1])
+        if last_us > TIME_LIMIT_US:
+            raise EventError(
+                f"an event at {last_us} us lies beyond {TIME_LIMIT_US} us: check the unit of its "
+                "clock"
+            )
+        self.every.check_ticks(self.next_tick, last_us)
 
     def advance(self, until_us: int) -> npt.NDArray[np.void]:
         """Advance the time to T = `until_us` without events, and return the scheduled matches.

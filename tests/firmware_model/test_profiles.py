@@ -91,13 +91,14 @@ def test_recorded_matches_are_those_of_the_specification(driven):
     length = driven.reference.settings.windows_per_match
     shift = length - 1 - length // 2  # from the middle window of a sequence to the newest
     second = np.where(matches.second < 0, -1, matches.second + shift)
+    second_sum = np.where(matches.second < 0, -1, np.rint(matches.second_distance * length))
     driven.same(
         list(
             zip(
                 matches.place + shift,
-                matches.distance_sum,
+                np.rint(matches.distance * length),
                 second,
-                matches.second_sum,
+                second_sum,
                 matches.ties,
                 strict=True,
             )

@@ -187,7 +187,7 @@ def test_a_drive_matched_against_its_own_map_finds_each_place(matching, per_wind
     matches, queries = result.matches, result.queries
     assert np.array_equal(queries.counts, reference.places.counts[::per_window])
     assert matches.place.tolist() == (per_window * matches.query).tolist()
-    assert matching == "filter" or not matches.distance_sum.any()
+    assert matching == "filter" or not matches.distance.any()
 
 
 CODED = [
@@ -221,7 +221,7 @@ def test_a_coded_map_has_the_pixels_of_the_plain_one_and_the_codes_of_its_counts
     result = reference.match(drive)
     matches, queries = result.matches, result.queries
     assert np.array_equal(queries.counts, reference.places.counts)
-    assert not matches.distance_sum.any()
+    assert not matches.distance.any()
     assert counts.decoded(counts.places) is counts.places is counts.coded(counts.places)
     assert np.array_equal(reference.coded(counts.places).counts, reference.places.counts)
     assert reference.decoded(reference.places) is reference.places

@@ -462,7 +462,7 @@ def wrong_uses():
         "tau = 500 has no unit": lambda d, r: build(d, tau=500),
         "open_recording.recording, frame_period='1/30'": lambda d, r: build(d, frame_period="1/30"),
         "open_recording.recording, on_fault='drop'": lambda d, r: r.match(d, on_fault="drop"),
-        "localiser: smooth=True needs all later": lambda d, r: r.localiser(smooth=True),
+        "smooth=True needs all later": lambda d, r: r.localiser(smooth=True),
         "track is an int": lambda d, r: build(d, track=5),
         "path of odometry is a list": lambda d, r: build(d, odometry=[1, 2]),
         "every is an int .5.: give a text": lambda d, r: r.match(d, every=5),

@@ -62,7 +62,7 @@ def test_a_match_is_where_its_column_is_least(smooth, matching):
         assert np.array_equal(columns[inner].min(axis=0), matches.distance)
     else:
         assert np.array_equal(columns.argmin(axis=0), matches.place)
-        assert np.array_equal(columns.min(axis=0), matches.distance_sum)
+        assert np.array_equal(columns.min(axis=0), matches.distance)
 
 
 def test_a_matrix_that_would_fill_the_memory_is_refused(monkeypatch):

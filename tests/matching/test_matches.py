@@ -49,11 +49,11 @@ def test_matches_equal_the_oracle_in_blocks_of_any_size(
         column = [row[i] for row in sums]
         best, second, ties = naive.best_and_second(column, exclusion)
         assert matches.place[i] == best + offset
-        assert matches.distance_sum[i] == column[best]
+        assert matches.distance[i] == column[best] / length
         assert matches.ties[i] == ties
         assert matches.second[i] == (-1 if second < 0 else second + offset)
         if second >= 0:
-            assert matches.second_sum[i] == column[second]
+            assert matches.second_distance[i] == column[second] / length
         nearest = sorted(range(len(column)), key=lambda k: (column[k], k))[:CANDIDATES]
         kept = matches.candidates[i][matches.candidates[i] >= 0]
         assert kept.tolist() == [k + offset for k in nearest]

@@ -184,7 +184,7 @@ def test_a_drive_has_the_cost_of_the_best_path_through_each_place(
         assert (matches.place[w], matches.second[w], matches.ties[w]) == (
             match.place, second, match.ties,
         )  # fmt: skip
-        assert (matches.distance_sum[w], matches.trust[w]) == (match.sum, match.trust)
+        assert (matches.distance[w], matches.trust[w]) == (match.sum, match.trust)
         (metric,) = whole[w]
         nearest = sorted(range(places), key=lambda k: (metric[k], k))
         assert matches.candidates[w][: min(places, 25)].tolist() == nearest[:25]
@@ -566,7 +566,7 @@ def test_matches_of_a_traverse_are_those_of_the_oracle(seed, places, queries):
     rows = windows_of(page, distances, query[0].sum(axis=1).tolist())
     expected = live_matches(rows)
     assert matches.place.tolist() == [match.place for match in expected]
-    assert matches.distance_sum.tolist() == [match.sum for match in expected]
+    assert matches.distance.tolist() == [match.sum for match in expected]
     assert matches.trust.tolist() == [match.trust for match in expected]
     assert matches.misfit.tolist() == running_misfits(misfits_of(rows, typical))
     assert matches.query.tolist() == list(range(queries))
