@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Callable, Sequence
+import queue
+import threading
+from collections.abc import Callable, Iterator, Sequence
 from io import FileIO
 from itertools import count
 from pathlib import Path
@@ -17,13 +19,65 @@ from edge_vpr.events import Events, Sensor
 from edge_vpr.files import check_new_file, check_new_map, check_output, work_folder
 from edge_vpr.learning import MapUpdate
 from edge_vpr.live.reader import Chunk
-from edge_vpr.live.recorder import EventWriter, check_recorded, ends_early, write_whole
 from edge_vpr.live.state import StateFile, check_state_file
 from edge_vpr.live.stream_matcher import StreamMatcher
 from edge_vpr.odometry import Odometry
 from edge_vpr.online.localiser import Localiser
+from edge_vpr.recordings import WRITTEN, writable_format, write_recording
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.settings import Preset, Settings, resolve_settings
+
+#: Largest number of pieces of events that wait for a file.
+_MOST_WAITING = 256
+
+
+def ends_early(path: str, error: OSError) -> str:
+    """Return the message that no more can be written to a file."""
+    return (
+        f"{printable(path)} ends early: {error.strerror}: check its permissions and the free space"
+    )
+
+
+def _write_whole(file: FileIO, data: bytes) -> None:
+    """Write all bytes."""
+    left = memoryview(data)
+    while left:
+        left = left[file.write(left) :]
+
+
+class _EventWriter:
+    """Writes events to a recording in a thread, as formats pull what they write."""
+
+    def __init__(self, path: Path, sensor: Sensor, overwrite: bool) -> None:
+        self.path = path
+        self.error: Exception | None = None
+        self._waiting: queue.Queue[Events | None] = queue.Queue(_MOST_WAITING)
+        self._thread = threading.Thread(
+            target=self._run, args=(sensor, overwrite), name="edge-vpr recording", daemon=True
+        )
+        self._thread.start()
+
+    def close(self) -> None:
+        """Complete the file."""
+        self.write(None)
+        self._thread.join()
+
+    def write(self, events: Events | None) -> None:
+        """Append events (None ends the file); waits for a disk that is slower than the camera."""
+        while self._thread.is_alive():
+            with contextlib.suppress(queue.Full):
+                self._waiting.put(events, timeout=0.1)
+                return
+
+    def _run(self, sensor: Sensor, overwrite: bool) -> None:
+        try:
+            write_recording(self.path, self._pieces(), sensor=sensor, overwrite=overwrite)
+        except Exception as error:  # an error in the thread would go unnoticed
+            self.error = error
+
+    def _pieces(self) -> Iterator[Events]:
+        while (events := self._waiting.get()) is not None:
+            yield events
 
 
 class SessionFiles:
@@ -85,7 +139,7 @@ class SessionFiles:
         self._state_file: StateFile | None = None
         self.keeps_state = state is not None
         self._raw: list[FileIO] = []  # files of bytes
-        self._writers: list[EventWriter] = []
+        self._writers: list[_EventWriter] = []
         self._recordings = contextlib.ExitStack()
         self._begun = False  # whether there were events
         self._drive: Path | None = None  # the recording of which the map is made
@@ -117,7 +171,14 @@ class SessionFiles:
         """
         source, map_file = inputs
         for path in self._record:
-            check_recorded(path)
+            if path.suffix != ".bin":
+                try:
+                    writable_format(path)
+                except UsageError as error:
+                    formats = ", ".join(WRITTEN)
+                    raise UsageError(
+                        f"record='{path}': expected .bin for bytes, or {formats}"
+                    ) from error
             check_output(path, [map_file])
         if self._state is not None:
             if reference is None or self._learn is not None:
@@ -167,7 +228,7 @@ class SessionFiles:
                 self._raw.append(recordings.enter_context(path.open("wb", buffering=0)))
             for path in filter(None, (*self._record, self._drive)):
                 if path not in of_bytes:
-                    self._writers.append(EventWriter(path, sensor, self._overwrite))
+                    self._writers.append(_EventWriter(path, sensor, self._overwrite))
                     recordings.callback(self._writers[-1].close)
             self.work, self._recordings = work.pop_all(), recordings.pop_all()
 
@@ -182,7 +243,7 @@ class SessionFiles:
         self._heard_s = chunk.at_s
         for file in list(self._raw):
             try:
-                write_whole(file, chunk.data)
+                _write_whole(file, chunk.data)
             except OSError as error:
                 self._raw.remove(file)
                 self._give_up(ends_early(str(file.name), error))

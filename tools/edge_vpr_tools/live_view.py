@@ -23,8 +23,8 @@ from edge_vpr.confidence import OFF_MAP_MISFIT, OFF_MAP_TEXT
 from edge_vpr.errors import printable
 from edge_vpr.live.position import Locator
 from edge_vpr.live.protocols.health import UNKNOWN
-from edge_vpr.live.recorder import ends_early
 from edge_vpr.live.session import LiveStatus, LiveStep
+from edge_vpr.live.session_files import ends_early
 from edge_vpr.live.watches import SILENT_S
 from edge_vpr.matching.match import Match
 from edge_vpr.odometry import ratio_text
