@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import replace
 from inspect import signature
 from pathlib import Path
 from typing import Any, Protocol, TypeAlias, TypeVar
@@ -129,6 +128,6 @@ def of_part(drive: EventSource | WindowSource, readings: _Timed) -> _Timed:
     moved: Any = (
         readings.shifted(-start_us / 1e6)
         if isinstance(readings, Track)
-        else replace(readings, time_us=readings.time_us - start_us)
+        else readings.since(start_us)
     )
     return moved

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -64,6 +64,10 @@ class Odometry(EqualByValue):
                 f"odometry reading {row + 1} is not later than the one before: sort the readings "
                 "by time, one for each"
             )
+
+    def since(self, start_us: int) -> Odometry:
+        """Return the readings with times that count from a moment of the recording."""
+        return replace(self, time_us=self.time_us - start_us)
 
     def along(self, time_us: npt.NDArray[np.int64]) -> npt.NDArray[np.int64]:
         """Return the distance driven at times of the reference drive, since its start, shape (K,).

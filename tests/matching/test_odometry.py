@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from edge_vpr_tools.commands.replay import RecordedInputs
 from edge_vpr_tools.estimate.of_map import design_of
 from hypothesis import given
 from hypothesis import strategies as st
@@ -15,11 +16,13 @@ from edge_vpr.errors import EdgeVprWarning, GroundTruthError, MapError, UsageErr
 from edge_vpr.evaluation.tables import load_odometry
 from edge_vpr.evaluation.tracks import Track
 from edge_vpr.events import Sensor
-from edge_vpr.matching.drive import match_descriptors
+from edge_vpr.match_result import MatchResult
+from edge_vpr.matching.drive import match_descriptors, query_distances
 from edge_vpr.matching.place_filter import PlaceFilter
 from edge_vpr.matching.prediction import TransitionCosts, Transitions
 from edge_vpr.odometry import MOST_MM, Odometry
 from edge_vpr.recordings import write_recording
+from edge_vpr.results import read_run
 from edge_vpr.route import Route
 from edge_vpr.settings import Settings
 from edge_vpr.simulation.drive import wheel_odometry
@@ -260,6 +263,25 @@ def test_readings_at_other_times_than_the_drive_are_refused(tmp_path, run, onlin
     # times count from where the part begins: this log ends before
     text = said(*command, files["short"], "--start", 2, fails=True)
     assert "the drive has no match there" in text
+
+
+def test_distances_of_a_part_are_those_that_it_was_matched_by(tmp_path, run):
+    """Of ``--matrix`` and of a film, by the odometry from where the part begins."""
+    drive, query, route, out = (tmp_path / name for name in ("a.npz", "b.npz", "map.npz", "out"))
+    for seed, path in enumerate((drive, query)):  # unlike each other, so that all places are near
+        events = random_events(np.random.default_rng(seed), 6_000, Sensor(16, 12), 3_000_000)
+        write_recording(path, [events], sensor=Sensor(16, 12))
+    rows = "".join(f"{n / 20},{n * n / 100}\n" for n in range(61))
+    log = write(tmp_path, f"time_s,distance_m\n{rows}", "log.csv")
+    small = ["--pixels", "20", "--sigma", "1", "--tau", "100ms"]
+    run("map", drive, "-o", route, *small, "--odometry", log)
+    words = ["--odometry", log, "--start", 1, "--no-figures", "--matrix", tmp_path / "part.npy"]
+    run("match", route, query, "-o", out, *words)
+    result, inputs = MatchResult.load(out), RecordedInputs(out, read_run(out))
+    matched = result.reference.matched_with(result.matches.settings)
+    shown = query_distances(matched, result.queries, inputs.odometry())
+    assert np.array_equal(shown, np.load(tmp_path / "part.npy"))
+    assert np.array_equal(shown.min(axis=0), result.matches.distance)
 
 
 def test_evidence_counts_by_the_distance_driven():

@@ -92,7 +92,6 @@ def run(args: argparse.Namespace) -> None:
     """Match the recording and write the folder of results."""
     from edge_vpr import results
     from edge_vpr.archive import archive_kind, write_npy
-    from edge_vpr.drive_inputs import of_part
     from edge_vpr.evaluation.match_tracks import check_track_file
     from edge_vpr.evaluation.tables import load_odometry
     from edge_vpr.files import check_new_file
@@ -138,16 +137,15 @@ def run(args: argparse.Namespace) -> None:
     warn_of_no_effect(args, settings)
     if args.stays_on_map and settings.matching == "filter" and settings.smooth:
         warning("--stays-on-map is for live matches: add --no-smooth")
-    faults = describe_faults(recording)
-    removed = describe_removed(result.removed, settings)
-    warn_of_few_places(args.map, result.reference)
+    warn_of_few_places(args.map, reference)
     remarks = []
     if odometry is not None:
+        odometry = odometry.since(result.start_us)
         along_mm = reference.along_mm
         assert along_mm is not None  # else matching refuses odometry
         route_m = length_m(along_mm / 1e3, reference.settings.window_parts)
-        remarks.append(of_part(recording, odometry).beside(matches.time_us, route_m))
-    outcome, facts = outcome_of(result.reference, matches), result.facts()
+        remarks.append(odometry.beside(matches.time_us, route_m))
+    outcome, facts = outcome_of(reference, matches), result.facts()
     with results.results_folder(output, args.overwrite) as folder:
         run = result.write(folder, inputs)
         if not args.no_figures:
@@ -160,21 +158,21 @@ def run(args: argparse.Namespace) -> None:
     for remark in remarks:
         summary(remark)
     print_facts(facts)
+    left_out = describe_removed(result.removed, settings) + describe_faults(recording)
     if isinstance(metrics, OnlineMetrics):
         duration_s = metrics.times_real_time * metrics.localising_s
-        summary(f"{metrics.events:,} events over {duration_s:.1f} s{removed}{faults}")
+        summary(f"{metrics.events:,} events over {duration_s:.1f} s{left_out}")
         summary(
             f"localising took {metrics.localising_s:.2f} s, {metrics.times_real_time:,.0f} times "
             "real time"
         )
-        _export_tracks(args.export, result.reference, matches, recording)
+        _export_tracks(args.export, reference, matches, recording)
         return
     assert queries is not None and metrics is not None
-    summary(f"{places_text(reference)}, {reference.size_text}{removed}{faults}")
-    _export_tracks(args.export, result.reference, matches, recording)
+    summary(f"{places_text(reference)}, {reference.size_text}{left_out}")
+    _export_tracks(args.export, reference, matches, recording)
     if matrix is not None:
-        matched = result.reference.matched_with(settings)
-        distances = query_distances(matched, queries, odometry)
+        distances = query_distances(reference.matched_with(settings), queries, odometry)
         write_npy(matrix, distances)
         summary(f"{matrix}: distances, {distances.shape[0]} places x {distances.shape[1]} queries")
     summary(

@@ -64,7 +64,7 @@ class RecordedInputs:
     """
 
     def __init__(self, folder: Path, run: RunRecord) -> None:
-        self._folder, self._files = folder, run.inputs
+        self._folder, self._run = folder, run
         self._verb, words = find_verb(list(run.command[1:]))
         self._args: argparse.Namespace | None = None
         if self._verb == "match":
@@ -99,7 +99,7 @@ class RecordedInputs:
         return open_source(self._args, self._unchanged(self._args.recording, what), camera)
 
     def odometry(self) -> Odometry | None:
-        """Read the odometry of the query; None if the run had none.
+        """Read the odometry of the query, from where it begins; None if the run had none.
 
         Raises
         ------
@@ -110,7 +110,8 @@ class RecordedInputs:
 
         if self._args is None or self._args.odometry is None:
             return None
-        return load_odometry(self._unchanged(self._args.odometry, "a match with --odometry"))
+        file = self._unchanged(self._args.odometry, "a match with --odometry")
+        return load_odometry(file).since(self._run.start_us or 0)
 
     def _unchanged(self, path: str, what: str) -> Path:
         from edge_vpr.results import hash_input
@@ -121,7 +122,7 @@ class RecordedInputs:
         file = read_there(self._folder, self._args.output, path)
         if not file.exists():
             raise UsageError(f"{path}, which {what} needs, is not there: {remedy}")
-        for record in self._files:
+        for record in self._run.inputs:
             if record.path == path and replace(hash_input(file), path=path) != record:
                 raise UsageError(
                     f"{path}, which {what} needs, has changed since it was matched: {remedy}"
