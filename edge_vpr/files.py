@@ -209,7 +209,7 @@ def clear_dead_runs(folder: str | Path) -> None:
     those that cannot be locked or removed.
     """
     for work in Path(folder).glob(".edge-vpr-*.part"):
-        if _is_work_folder(work):
+        if _WORK.fullmatch(work.name):
             with suppress(OSError):
                 _remove_dead(work)
 
@@ -268,11 +268,6 @@ def _name_target(error: Exception, work: Path, target: Path) -> None:
             error.filename = os.fsdecode(error.filename).replace(hidden, shown)
         elif error.filename is None and error.errno in _FULL:
             error.filename = str(target)
-
-
-def _is_work_folder(path: Path) -> bool:
-    """Return whether a name is that of a `work_folder`, of a run that may still write it."""
-    return _WORK.fullmatch(path.name) is not None
 
 
 def _made_and_locked(parent: Path) -> tuple[Path, int | None]:

@@ -372,23 +372,15 @@ class MatchResult:
         >>> result.facts(evaluation.truth)["query track"]  # doctest: +SKIP
         '298 m from 0.0 to 57.0 s, 5.2 m/s in the mean and 9.8 m/s at most, ...'
         """
-        windows = self.windows if self.queries is None else self.queries
-        tracks = (None, None) if truth is None or truth.tracks is None else truth.tracks
-        drives = {
-            "reference": (self.reference.windows, self.reference.start_us, self.reference.clock_us),
-            "query": (windows, self.start_us, self.clock_us),
-        }
-        sensor = self.reference.pixel_map.sensor
-        lines = facts(
-            {
-                name: Drive.of_windows(counted, sensor, start_us, clock_us, track)
-                for (name, (counted, start_us, clock_us)), track in zip(
-                    drives.items(), tracks, strict=True
-                )
-                if counted is not None
-            },
-            truth,
-        )
+        reference, windows = self.reference, self.windows if self.queries is None else self.queries
+        mapped, matched = (None, None) if truth is None or truth.tracks is None else truth.tracks
+        drives = {"reference": Drive.of_map(reference, mapped)}
+        if windows is not None:
+            sensor = reference.pixel_map.sensor
+            drives["query"] = Drive.of_windows(
+                windows, sensor, self.start_us, self.clock_us, matched
+            )
+        lines = facts(drives, truth)
         if self.matches.settings.matching == "filter":
             unlike = int(np.count_nonzero(self.matches.misfit >= OFF_MAP_MISFIT))
             lines["views"] = f"{unlike:,} of {len(self):,} matches look unlike the map"

@@ -12,6 +12,7 @@ from edge_vpr.descriptors.windows import Descriptors
 from edge_vpr.evaluation.ground_truth import GroundTruth, nearest
 from edge_vpr.evaluation.tracks import Track, distances
 from edge_vpr.events import UNIX_US, Sensor
+from edge_vpr.reference_map import ReferenceMap
 
 _UNIX_ZERO = dt.datetime(1970, 1, 1, tzinfo=dt.UTC)
 
@@ -47,6 +48,14 @@ class Drive(NamedTuple):
             int(windows.events.sum()), start_us, end_us, sensor, clock_us, track,
             (0, 0) if longest is None
             else (start_us + int(begins[longest]), start_us + int(ends[longest])),
+        )  # fmt: skip
+
+    @classmethod
+    def of_map(cls, reference: ReferenceMap, track: Track | None = None) -> Drive:
+        """Return the drive that a map was made of."""
+        return cls.of_windows(
+            reference.windows, reference.pixel_map.sensor, reference.start_us, reference.clock_us,
+            track,
         )  # fmt: skip
 
 

@@ -147,13 +147,7 @@ def run(args: argparse.Namespace) -> None:
         if args.tau == "auto":
             settings = _with_fitting_window(args, settings, recording, track)
         reference, seconds = _mapped(args, settings, recording, track, removed)
-        drives["drive"] = Drive.of_windows(
-            reference.windows,
-            reference.pixel_map.sensor,
-            reference.start_us,
-            reference.clock_us,
-            track,
-        )
+        drives["drive"] = Drive.of_map(reference, track)
     for path, its_track in itertools.zip_longest(args.more, of_drives):
         other = open_source(args, path, reference.camera)
         update = reference.update(
