@@ -116,6 +116,29 @@ def empty_events(n: int) -> Events:
 
 NO_EVENTS = empty_events(0)
 
+
+class Columns(NamedTuple):
+    """Unchecked events as four columns of one length, of any integer dtype (``p`` also boolean).
+
+    Times are whole microseconds of the file's or the camera's own clock, without wraps. Times may
+    run backwards, and pixels lie off the sensor: `FaultLog` handles both in a file, and
+    `TimestampFilter` in a stream. A column may be a view into a buffer that the next chunk
+    overwrites.
+    """
+
+    t: npt.NDArray[Any]
+    x: npt.NDArray[Any]
+    y: npt.NDArray[Any]
+    p: npt.NDArray[Any]
+
+
+def empty_columns(n: int) -> Columns:
+    """Return columns for `n` events, whose values a decoder sets."""
+    return Columns(
+        np.empty(n, np.int64), np.empty(n, np.uint16), np.empty(n, np.uint16), np.empty(n, np.bool_)
+    )
+
+
 #: Longest side of a sensor in pixels: columns and rows are 16 bits.
 LONGEST_SIDE = 1 << 16
 #: Times lie between minus and plus this, in microseconds: differences of two cannot overflow.

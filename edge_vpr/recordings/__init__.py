@@ -30,7 +30,7 @@ from edge_vpr.errors import (
     as_path,
     expect,
 )
-from edge_vpr.events import Events, Sensor, SensorSize, as_events, in_order
+from edge_vpr.events import Columns, Events, Sensor, SensorSize, as_events, in_order
 from edge_vpr.files import check_absent, open_input, replacing
 from edge_vpr.plugins import Registry
 from edge_vpr.recordings.frames import CountFrames, parse_period, read_count_frames
@@ -41,7 +41,6 @@ from edge_vpr.recordings.reading import (
     CHUNK_EVENTS,
     NO_CAMERA,
     Camera,
-    Columns,
     Faults,
     OnFault,
     ReadOptions,

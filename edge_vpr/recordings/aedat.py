@@ -14,9 +14,9 @@ import numpy as np
 import numpy.typing as npt
 
 from edge_vpr.errors import RecordingError, UsageError, import_extra
-from edge_vpr.events import Sensor
+from edge_vpr.events import Columns, Sensor
 from edge_vpr.recordings.decoding import RecordFile, Unwrapper, is_text
-from edge_vpr.recordings.reading import Columns, FaultLog, ReadOptions, Source, in_chunks
+from edge_vpr.recordings.reading import FaultLog, ReadOptions, Source, in_chunks
 
 # AEDAT 2.0, written by jAER: pairs of a 32-bit address and a 32-bit time, big endian.
 #

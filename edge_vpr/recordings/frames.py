@@ -17,9 +17,9 @@ import numpy as np
 import numpy.typing as npt
 
 from edge_vpr.errors import RecordingError, UsageError, as_path, printable
-from edge_vpr.events import LONGEST_SIDE, TIME_LIMIT_US, Sensor
+from edge_vpr.events import LONGEST_SIDE, TIME_LIMIT_US, Columns, Sensor
 from edge_vpr.recordings.numpy_files import Archive, ArrayStream
-from edge_vpr.recordings.reading import Columns, FaultLog, ReadOptions, Source, foreign_errors
+from edge_vpr.recordings.reading import FaultLog, ReadOptions, Source, foreign_errors
 
 # Grey PNG images as count frames.
 

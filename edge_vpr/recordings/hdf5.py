@@ -13,8 +13,8 @@ from pathlib import Path
 from typing import Any
 
 from edge_vpr.errors import MissingExtraError, RecordingError, UsageError, import_extra
-from edge_vpr.events import TIME_LIMIT_US, Sensor
-from edge_vpr.recordings.reading import Columns, FaultLog, ReadOptions, Source
+from edge_vpr.events import TIME_LIMIT_US, Columns, Sensor
+from edge_vpr.recordings.reading import FaultLog, ReadOptions, Source
 from edge_vpr.recordings.table import UNITS, match_columns, tidy
 
 # Open HDF5 files, and the filters that their data sets are stored through.

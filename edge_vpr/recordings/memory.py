@@ -11,8 +11,8 @@ import numpy as np
 import numpy.typing as npt
 
 from edge_vpr.errors import RecordingError, UsageError, kind_of
-from edge_vpr.events import EVENT_DTYPE, Events, Sensor
-from edge_vpr.recordings.reading import Columns, FaultLog, ReadOptions, Source
+from edge_vpr.events import EVENT_DTYPE, Columns, Events, Sensor
+from edge_vpr.recordings.reading import FaultLog, ReadOptions, Source
 from edge_vpr.recordings.table import array_columns, match_columns, tidy
 
 

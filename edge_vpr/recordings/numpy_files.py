@@ -16,8 +16,8 @@ import numpy.typing as npt
 
 from edge_vpr.archive import archive_kind
 from edge_vpr.errors import RecordingError, UsageError
-from edge_vpr.events import EVENT_DTYPE, Events, Sensor
-from edge_vpr.recordings.reading import Columns, FaultLog, ReadOptions, Source
+from edge_vpr.events import EVENT_DTYPE, Columns, Events, Sensor
+from edge_vpr.recordings.reading import FaultLog, ReadOptions, Source
 from edge_vpr.recordings.table import Named, array_columns, match_columns, tidy
 
 # Arrays in NumPy's file format, read a few rows at a time from any binary stream.

@@ -7,7 +7,8 @@ from pathlib import Path
 from typing import Any
 
 from edge_vpr.errors import RecordingError, import_extra
-from edge_vpr.recordings.reading import Columns, FaultLog, ReadOptions, Source
+from edge_vpr.events import Columns
+from edge_vpr.recordings.reading import FaultLog, ReadOptions, Source
 from edge_vpr.recordings.table import match_columns, tidy
 
 _BUFFER_BYTES = 1 << 20

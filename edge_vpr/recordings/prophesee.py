@@ -13,9 +13,9 @@ import numpy.typing as npt
 
 from edge_vpr.compiling import kernel
 from edge_vpr.errors import RecordingError
-from edge_vpr.events import Events, Sensor
+from edge_vpr.events import Columns, Events, Sensor, empty_columns
 from edge_vpr.recordings.decoding import RecordFile, clock_step, is_text
-from edge_vpr.recordings.reading import Columns, FaultLog, ReadOptions, Source, empty_columns
+from edge_vpr.recordings.reading import FaultLog, ReadOptions, Source
 
 # The text header of Prophesee's RAW files.
 

@@ -27,30 +27,15 @@ from edge_vpr.errors import (
     UsageError,
     printable,
 )
-from edge_vpr.events import LONGEST_SIDE, NO_EVENTS, TIME_LIMIT_US, Events, Sensor, in_order
-
-# What a reader yields.
-
-
-class Columns(NamedTuple):
-    """Raw events as four columns of one length, of any integer dtype (``p`` also boolean).
-
-    Times are whole microseconds of the file's own clock, without wraps. Faulty events are still
-    among them: `FaultLog` handles times that run backwards and pixels off the sensor. A column may
-    be a view into a buffer that the next chunk overwrites.
-    """
-
-    t: npt.NDArray[Any]
-    x: npt.NDArray[Any]
-    y: npt.NDArray[Any]
-    p: npt.NDArray[Any]
-
-
-def empty_columns(n: int) -> Columns:
-    """Return columns for `n` events, whose values a decoder sets."""
-    return Columns(
-        np.empty(n, np.int64), np.empty(n, np.uint16), np.empty(n, np.uint16), np.empty(n, np.bool_)
-    )
+from edge_vpr.events import (
+    LONGEST_SIDE,
+    NO_EVENTS,
+    TIME_LIMIT_US,
+    Columns,
+    Events,
+    Sensor,
+    in_order,
+)
 
 
 def in_chunks(columns: Columns, number: int) -> Iterator[Columns]:

@@ -15,17 +15,10 @@ import numpy.typing as npt
 
 from edge_vpr.compiling import kernel
 from edge_vpr.errors import EdgeVprError, RecordingError, UsageError, import_extra
-from edge_vpr.events import Sensor
+from edge_vpr.events import Columns, Sensor, empty_columns
 from edge_vpr.recordings.decoding import Unwrapper
 from edge_vpr.recordings.prophesee import EvtWordDecoder
-from edge_vpr.recordings.reading import (
-    Columns,
-    FaultLog,
-    ReadOptions,
-    Source,
-    empty_columns,
-    in_chunks,
-)
+from edge_vpr.recordings.reading import FaultLog, ReadOptions, Source, in_chunks
 from edge_vpr.recordings.table import match_columns, tidy
 
 # The encoding ``libcaer_cmp`` of ``event_camera_msgs/EventPacket``: iniVation events, compressed.

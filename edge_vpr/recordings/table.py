@@ -13,8 +13,8 @@ import numpy as np
 import numpy.typing as npt
 
 from edge_vpr.errors import RecordingError, UsageError
-from edge_vpr.events import TIME_LIMIT_US
-from edge_vpr.recordings.reading import Columns, FaultLog
+from edge_vpr.events import TIME_LIMIT_US, Columns
+from edge_vpr.recordings.reading import FaultLog
 
 #: Other names of the columns in published files.
 ALIASES = {

@@ -13,8 +13,8 @@ import numpy.typing as npt
 
 from edge_vpr.compiling import kernel
 from edge_vpr.errors import RecordingError
-from edge_vpr.events import Events, Sensor
-from edge_vpr.recordings.reading import Columns, FaultLog, ReadOptions, Source
+from edge_vpr.events import Columns, Events, Sensor
+from edge_vpr.recordings.reading import FaultLog, ReadOptions, Source
 from edge_vpr.recordings.table import match_columns, no_unit, on_events
 
 # Kernel that parses lines of decimal numbers.

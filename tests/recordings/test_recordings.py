@@ -15,10 +15,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from edge_vpr.errors import EdgeVprError, EventError, RecordingError, UsageError
-from edge_vpr.events import Sensor, join_events, make_events
+from edge_vpr.events import Columns, Sensor, join_events, make_events
 from edge_vpr.recordings import FORMATS, RAW, WRITTEN, open_recording, sniff, write_recording
 from edge_vpr.recordings.decoding import Unwrapper
-from edge_vpr.recordings.reading import Columns, FaultLog
+from edge_vpr.recordings.reading import FaultLog
 from tests.recordings.fuzz_recordings import write_seeds
 from tests.streams import random_events
 

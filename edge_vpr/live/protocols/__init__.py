@@ -9,11 +9,10 @@ from abc import ABC, abstractmethod
 from typing import Any, Literal
 
 from edge_vpr.errors import UsageError
-from edge_vpr.events import Events, Sensor, join_events
+from edge_vpr.events import Columns, Events, Sensor, join_events
 from edge_vpr.live.protocols.health import UNKNOWN, Health
 from edge_vpr.live.protocols.timestamps import Clock, TimestampFilter
 from edge_vpr.plugins import Registry
-from edge_vpr.recordings.reading import Columns
 
 __all__ = [
     "PROTOCOLS",

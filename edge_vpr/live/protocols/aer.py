@@ -27,11 +27,10 @@ import numpy.typing as npt
 
 from edge_vpr.compiling import kernel
 from edge_vpr.errors import UsageError, printable
-from edge_vpr.events import Events, Sensor
+from edge_vpr.events import Columns, Events, Sensor, empty_columns
 from edge_vpr.live.protocols import Clock, Decoder, Encoder, OptionReader
 from edge_vpr.live.protocols.timestamps import STEP_US
 from edge_vpr.live.protocols.words import Raw, Reading, WordDecoder, word_at
-from edge_vpr.recordings.reading import Columns, empty_columns
 from edge_vpr.records import read_toml
 
 # Address-event words, with the fields that a layout describes.

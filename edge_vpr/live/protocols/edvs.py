@@ -6,7 +6,7 @@ import numpy as np
 
 from edge_vpr.compiling import kernel
 from edge_vpr.errors import UsageError
-from edge_vpr.events import Events, Sensor
+from edge_vpr.events import Columns, Events, Sensor, empty_columns
 from edge_vpr.live.protocols import Clock, Decoder, Encoder, OptionReader
 from edge_vpr.live.protocols.aer import (
     NOTICE_WORDS,
@@ -16,7 +16,6 @@ from edge_vpr.live.protocols.aer import (
     LayoutEncoder,
 )
 from edge_vpr.live.protocols.words import SEARCH_WORDS
-from edge_vpr.recordings.reading import Columns, empty_columns
 
 # Formats.
 #

@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from edge_vpr.compiling import kernel, shared_state
 from edge_vpr.errors import UsageError
-from edge_vpr.events import Events, Sensor
+from edge_vpr.events import Columns, Events, Sensor, empty_columns
 from edge_vpr.live.protocols import Clock, Decoder, Encoder, OptionReader
 from edge_vpr.live.protocols.health import EXACT
 from edge_vpr.live.protocols.timestamps import (
@@ -20,7 +20,6 @@ from edge_vpr.live.protocols.timestamps import (
     restart_clock,
     start_clock,
 )
-from edge_vpr.recordings.reading import Columns, empty_columns
 
 #: Longest frame before stuffing, and after stuffing (without the zero at its end).
 MAX_FRAME = 8_192

@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from edge_vpr.compiling import kernel
 from edge_vpr.errors import UsageError
-from edge_vpr.events import Events, Sensor
+from edge_vpr.events import Columns, Events, Sensor
 from edge_vpr.live.protocols import Clock, Decoder, Encoder, OptionReader
 from edge_vpr.live.protocols.words import SEARCH_WORDS, Raw, Reading, WordDecoder, word_at
 from edge_vpr.recordings.prophesee import (
@@ -21,7 +21,6 @@ from edge_vpr.recordings.prophesee import (
     evt2_event_words,
     evt2_time_words,
 )
-from edge_vpr.recordings.reading import Columns
 
 Words = npt.NDArray[Any]
 Sent = npt.NDArray[np.bool_]

@@ -14,10 +14,9 @@ import numpy as np
 import numpy.typing as npt
 
 from edge_vpr.compiling import kernel, shared_state
-from edge_vpr.events import Events, Sensor, empty_events
+from edge_vpr.events import Columns, Events, Sensor, empty_events
 from edge_vpr.live.protocols.health import Health
 from edge_vpr.recordings.decoding import clock_step
-from edge_vpr.recordings.reading import Columns
 
 #: A step forward of up to this is accepted at once.
 STEP_US = 1_000_000

@@ -9,9 +9,8 @@ import numpy as np
 import numpy.typing as npt
 
 from edge_vpr.compiling import kernel
-from edge_vpr.events import Sensor
+from edge_vpr.events import Columns, Sensor
 from edge_vpr.live.protocols import Clock, Decoder
-from edge_vpr.recordings.reading import Columns
 
 # Nothing marks the beginning of a word; it is found from the properties of valid words. A decoder
 # that is out of sync tries every offset over the next words, and takes the one with the most valid
