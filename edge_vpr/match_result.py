@@ -84,10 +84,8 @@ def match(
 ) -> MatchResult:
     """Match a drive with a map, see `ReferenceMap.match`."""
     check_reading(changes, "match")
-    if every is None:
-        matched = reference.with_settings(settings, changes, "match")
-    else:
-        matched = reference.causal_with(settings, changes, "match, of every=")
+    with_settings = reference.with_settings if every is None else reference.causal_with
+    matched = with_settings(settings, changes, "match")
     inputs = tuple(str(each) for each in (recording, odometry) if isinstance(each, str | Path))
     drive = opened(recording, default=reference.camera)
     if isinstance(drive, Recording) and drive is recording and drive.format != MEMORY:

@@ -16,7 +16,7 @@ from edge_vpr.descriptors.counting import Removed
 from edge_vpr.errors import UsageError, as_path, printable
 from edge_vpr.evaluation.tables import save_odometry
 from edge_vpr.events import Events, Sensor
-from edge_vpr.files import check_new_file, check_new_map, check_output, work_folder
+from edge_vpr.files import check_new_file, check_new_map, work_folder
 from edge_vpr.learning import MapUpdate
 from edge_vpr.live.reader import Chunk
 from edge_vpr.live.state import StateFile, check_state_file
@@ -179,7 +179,6 @@ class SessionFiles:
                     raise UsageError(
                         f"record='{path}': expected .bin for bytes, or {formats}"
                     ) from error
-            check_output(path, [map_file])
         if self._state is not None:
             if reference is None or self._learn is not None:
                 raise UsageError(
@@ -192,8 +191,10 @@ class SessionFiles:
             if path.resolve() in seen:
                 raise UsageError(f"{path} is named twice: give each file another name")
             seen.add(path.resolve())
-            check = check_new_map if path is self._learn else check_new_file
-            check(path, [source], self._overwrite)
+            if path is self._learn:  # it may replace the map of the session
+                check_new_map(path, [source], self._overwrite)
+            else:
+                check_new_file(path, [source, map_file], self._overwrite)
         self._of_map = self._settings or (None if reference is None else reference.settings)
 
     def lock(self, localiser: Localiser | None, say: Callable[..., None]) -> None:
