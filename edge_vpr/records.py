@@ -124,7 +124,7 @@ LEFT_OUT: Mapping[str, bool] = {"left_out": True}
 _NUMBERS = {float: "a number", int: "an integer", str: "text", bool: "true or false"}
 
 
-class RecordError(EdgeVprError):
+class RecordError(ValueError):
     """Values from a file do not fit the expected record."""
 
 
@@ -136,12 +136,8 @@ def read_record(kind: type[T], path: Path, what: str, remedy: str) -> T:
     UsageError
         If the file cannot be read, or a field of it is missing or of a wrong type.
     """
-    try:
+    with parse_errors(path, what, remedy):
         return from_json(kind, read_json(path, what, remedy))
-    except RecordError as error:
-        raise UsageError(
-            f"cannot read {what} from {path}: {printable(error, 200)}: {remedy}"
-        ) from error
 
 
 def to_json(value: Any) -> Any:

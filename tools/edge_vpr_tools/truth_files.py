@@ -26,7 +26,7 @@ from edge_vpr.evaluation.track_files import load_track
 from edge_vpr.evaluation.tracks import MAX_GAP_US, Track
 from edge_vpr.match_result import MatchResult
 from edge_vpr.recordings import parse_period
-from edge_vpr.records import RecordError, from_json, parse_errors, read_json
+from edge_vpr.records import from_json, parse_errors, read_json
 from edge_vpr.results import RunRecord
 from edge_vpr_tools.cli import VerbParser, find_verb
 from edge_vpr_tools.console import note
@@ -203,11 +203,8 @@ def evaluated_truth(folder: Path) -> TruthFiles | None:
     if "truth" not in metrics:
         return None
     with parse_errors(folder / results.METRICS, "metrics", "evaluate again"):
-        try:
-            files = from_json(TruthFiles, metrics["truth"])
-            record = from_json(RunRecord, metrics["evaluated_by"])
-        except RecordError as error:
-            raise ValueError(str(error)) from error
+        files = from_json(TruthFiles, metrics["truth"])
+        record = from_json(RunRecord, metrics["evaluated_by"])
     verb, words = find_verb(list(record.command[1:]))
     named = VerbParser(verb).parse(words).results if verb == "evaluate" else ""
     for file in record.inputs:

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from edge_vpr.errors import UsageError
-from edge_vpr.records import RecordError, from_json, parse_errors, read_toml
+from edge_vpr.records import from_json, parse_errors, read_toml
 from edge_vpr_tools.estimate.emulation import scaling
 
 _HERE = Path(__file__).parent
@@ -98,10 +98,7 @@ class Target:
                     f"{path} has the unknown name {name!r}: choose from {sorted(keys)}"
                 )
         with parse_errors(path, "a target", "check its values"):
-            try:
-                target = from_json(cls, {"name": path.stem, **values})
-            except RecordError as error:
-                raise ValueError(str(error)) from error
+            target = from_json(cls, {"name": path.stem, **values})
         if target.kind not in KINDS:
             raise UsageError(f"{path}: kind = {target.kind!r}: choose from {', '.join(KINDS)}")
         if not 0 < target.clock_hz <= _FASTEST_HZ:

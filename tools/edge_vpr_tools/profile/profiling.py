@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 
 from edge_vpr.errors import UsageError
-from edge_vpr.records import RecordError, from_json, parse_errors, read_json
+from edge_vpr.records import from_json, parse_errors, read_json
 from edge_vpr.results import RunRecord, run_record
 from edge_vpr_tools.console import note
 from edge_vpr_tools.profile.conditions import Conditions, void_because
@@ -101,11 +101,8 @@ class Profile:
         values = read_json(path, what, remedy)
         if values.get("schema") != SCHEMA or "throughput" not in values:
             raise UsageError(f"{path} is not a profile that this edge-vpr reads: make it again")
-        try:
-            with parse_errors(path, what, remedy):
-                return from_json(cls, values)
-        except RecordError as error:
-            raise UsageError(f"{path} is a damaged profile: {error}: make it again") from error
+        with parse_errors(path, what, remedy):
+            return from_json(cls, values)
 
 
 # Measuring: everything on this machine, or the energy from the trace of a meter.
