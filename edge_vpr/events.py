@@ -185,7 +185,9 @@ class Sensor(NamedTuple):
                 "'346x260'"
             )
         sensor = cls(*size)
-        whole = all(isinstance(side, int | np.integer) for side in sensor)
+        whole = all(
+            isinstance(side, int | np.integer) and not isinstance(side, bool) for side in sensor
+        )
         if not whole or not sensor.possible:
             raise UsageError(f"sensor {size!r} has a side that is no number from 1 to 65536")
         return sensor

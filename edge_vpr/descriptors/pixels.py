@@ -57,7 +57,11 @@ class PixelMap:
     y: npt.NDArray[np.uint16]
 
     def __post_init__(self) -> None:
-        _check_sensor(self.sensor)
+        expect(self.sensor, Sensor, "sensor", "the size of the camera, as Sensor(346, 260)")
+        if Sensor.of(self.sensor).pixels > MAX_SENSOR_PIXELS:
+            raise UsageError(
+                f"a sensor of {self.sensor} pixels: expected at most {MAX_SENSOR_PIXELS} in all"
+            )
         x, y = np.asarray(self.x), np.asarray(self.y)
         if x.dtype.kind not in "iu" or y.dtype.kind not in "iu":
             raise UsageError(
@@ -112,19 +116,6 @@ class PixelMap:
         """Every pixel of a sensor, row by row: the paper's dense baseline."""
         y, x = np.divmod(np.arange(sensor.pixels), sensor.width)
         return cls(sensor, x.astype(np.uint16), y.astype(np.uint16))
-
-
-def _check_sensor(sensor: Sensor) -> None:
-    expect(sensor, Sensor, "sensor", "the size of the camera, as Sensor(346, 260)")
-    sides = all(
-        isinstance(side, int | np.integer) and not isinstance(side, bool) and 1 <= side <= 65_536
-        for side in sensor
-    )
-    if not sides or sensor.pixels > MAX_SENSOR_PIXELS:
-        raise UsageError(
-            f"a sensor of {sensor} pixels: expected sides of 1 to 65536 and at most "
-            f"{MAX_SENSOR_PIXELS} pixels in all"
-        )
 
 
 def select_pixels(

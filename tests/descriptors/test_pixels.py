@@ -137,7 +137,7 @@ def test_a_pixel_map_is_checked(x, y, message):
         PixelMap(Sensor(3, 2), np.array(x, dtype=int), np.array(y, dtype=int))
 
 
-@pytest.mark.parametrize("sensor", [(0, 5), (65_537, 1), (-6, 5), (6.0, 5), (2**40, 2**40)])
+@pytest.mark.parametrize("sensor", [(0, 5), (65_537, 1), (-6, 5), (6.0, 5), (True, 5), (2**40, 2)])
 def test_a_sensor_has_sides_of_1_to_65536(sensor):
-    with pytest.raises(UsageError, match="expected sides of 1 to 65536"):
+    with pytest.raises(UsageError, match="no number from 1 to 65536"):
         PixelMap(Sensor(*sensor), np.array([0]), np.array([0]))
