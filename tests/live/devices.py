@@ -3,16 +3,20 @@
 from __future__ import annotations
 
 import json
+import math
 import threading
 import time
 from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Any, NamedTuple
 
+import numpy as np
+
 from edge_vpr.events import Events, Sensor
 from edge_vpr.live.bridge import Bridge, LineFaults, open_device_link
 from edge_vpr.live.links import Link
 from edge_vpr.live.protocols import open_encoder
+from edge_vpr.live.reader import Chunk
 from edge_vpr.live.session import LiveSession
 from edge_vpr.matching.match import Match
 
@@ -102,6 +106,64 @@ class Clock:
     def sleep(self, seconds: float) -> None:
         """Be later."""
         self.now_s += seconds
+
+
+class TimedCamera:
+    """Stands in for the reader of a line: each call brings what came in the last 10 ms.
+
+    Parameters
+    ----------
+    silent_s, held_up_s : float
+        When nothing more comes, on a line that stays for 5 s, and when the host stands for 3 s.
+    """
+
+    live = drops = True
+    address, remark, lost_link, error = "camera", "", "", None
+    line_errors, dead_s = 0, 0.0
+
+    def __init__(
+        self,
+        clock: Clock,
+        events: Events,
+        sensor: Sensor,
+        faults: str = "",
+        silent_s: float = math.inf,
+        held_up_s: float = math.inf,
+    ) -> None:
+        self.clock, self.events, self.begin_s = clock, events, clock.monotonic()
+        self.encoder, self.sent = open_encoder("evpr", sensor), 0
+        self.opening = self.encoder.start()
+        self.faults, self.rng = LineFaults.parse(faults), np.random.default_rng(0)
+        self.silent_s, self.held_up_s = silent_s, held_up_s
+
+    @property
+    def now_s(self) -> float:
+        """Seconds since it began."""
+        return self.clock.monotonic() - self.begin_s
+
+    @property
+    def ended(self) -> bool:
+        """See `LinkReader.ended`."""
+        return self.sent == self.events.size or self.now_s > self.silent_s + 5
+
+    def take(self, timeout: float) -> Chunk | None:
+        """See `LinkReader.take`."""
+        self.clock.sleep(0.01)
+        if self.now_s > self.held_up_s:
+            self.clock.sleep(3)
+            self.held_up_s = math.inf
+        end = int(np.searchsorted(self.events.t, 1e6 * min(self.now_s, self.silent_s)))
+        end = min(end, self.sent + 2_000)  # as many as a line brings in this time
+        piece, self.sent = self.events[self.sent : end], end
+        data = self.faults.corrupt(self.encoder.encode(piece), self.rng) if piece.size else b""
+        data, self.opening = self.opening + data, b""
+        return Chunk(data, self.clock.monotonic()) if data else None
+
+    def send(self, data: bytes, timeout: float = 1.0) -> None:
+        """See `LinkReader.send`."""
+
+    def stop(self) -> None:
+        """See `LinkReader.stop`."""
 
 
 class Pipe(Link):

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import contextlib
 import re
 import socket
-import threading
 import time
 from dataclasses import replace
 from itertools import pairwise
@@ -24,7 +22,6 @@ from edge_vpr.live.odometer import OdometerLine, OdometerReader
 from edge_vpr.live.protocols import open_encoder
 from edge_vpr.live.reader import Chunk
 from edge_vpr.live.session import LiveSession
-from edge_vpr.live.stream_matcher import StreamMatcher
 from edge_vpr.odometry import OdometerCheck, Odometry
 from edge_vpr.online.localiser import Localiser
 from edge_vpr.online.odometry_feed import OdometryFeed
@@ -33,7 +30,7 @@ from edge_vpr.recordings import open_recording, write_recording
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.settings import Settings
 from edge_vpr.simulation import simulate_pair
-from tests.live.devices import Pipe, fed, play, rows_of
+from tests.live.devices import Pipe, TimedCamera, fed, rows_of
 from tests.streams import Drive, random_events, split_events
 
 SENSOR = Sensor(64, 48)
@@ -143,72 +140,46 @@ def drive(tmp_path_factory):
     write_recording(
         folder / "query.npz", random_events(rng, 40_000, SENSOR, 2_000_000), sensor=SENSOR
     )
-    longer = random_events(rng, 600_000, SENSOR, 30_000_000)
-    write_recording(folder / "longer.npz", longer, sensor=SENSOR)
     return folder
 
 
 class TalkingOdometer:
-    """A robot's odometer on a TCP port, which every 10 ms says how far the robot has driven."""
+    """Stands in for the reader of an odometer, which at each look says how far is driven."""
+
+    address, lost_link = "odometer", ""
 
     def __init__(self, metres):
         self._metres = metres
-        self._server = socket.create_server(("127.0.0.1", 0))
-        self.address = f"tcp://127.0.0.1:{self._server.getsockname()[1]}"
-        self._stopping = threading.Event()
-        self._thread = threading.Thread(target=self._talk, daemon=True)
-        self._thread.start()
+        self._says = True
 
-    def _talk(self):
-        host = self._server.accept()[0]
-        # the run may have ended
-        with host, contextlib.suppress(ConnectionError):
-            while not self._stopping.wait(0.01):
-                host.sendall(f"{self._metres():.4f}\n".encode())
+    def take(self, timeout):
+        says, self._says = self._says, not self._says
+        return Chunk(f"{self._metres():.4f}\n".encode(), 0.0) if says else None
 
-    def close(self):
-        self._stopping.set()
-        self._thread.join(timeout=5)
-        self._server.close()
+    def stop(self):
+        pass
 
 
-#: Moments of a run at which the odometer is read: a busy machine takes longer for them.
-READINGS = 150
+@pytest.fixture
+def streamed(drive, clock, monkeypatch):
+    """Run `stream` with a camera, and an odometer that shows `shown_m` of the time.
 
-
-def streamed(drive, *words, shown_m=lambda time_s: 1_000 + 5 * time_s, fails=0):
-    """Run `stream` with a camera and an odometer until it was read often enough.
-
-    The odometer shows `shown_m` of the time of the newest event that was sent.
+    Returns the events that were sent.
     """
-    events, read = join_events(list(open_recording(drive / "longer.npz"))), set()
 
-    def sent():
-        for piece in Drive(events, SENSOR):
-            if len(read) >= READINGS:
-                return
-            yield piece
+    def streamed(*words, shown_m=lambda time_s: 1_000 + 5 * time_s, fails=0):
+        events = join_events(list(open_recording(drive / "query.npz")))
+        camera = TimedCamera(clock, events, SENSOR)
+        odometer = TalkingOdometer(lambda: shown_m(camera.now_s))
+        monkeypatch.setattr("edge_vpr.live.session.LinkReader", lambda *_, **__: camera)
+        monkeypatch.setattr("edge_vpr.live.odometer.LinkReader", lambda *_, **__: odometer)
+        monkeypatch.setattr("edge_vpr_tools.live_view.time", clock)
+        line = ["--port", "tcp://127.0.0.1:1", "--odometry", "tcp://127.0.0.1:2", "--once"]
+        line += ["--protocol", "evpr", *map(str, words)]
+        assert main(["stream", *line]) == fails
+        return events
 
-    def read_odometer(matcher, distance_mm):
-        read.add(matcher.decoder.reached_us)
-        return read_now(matcher, distance_mm)
-
-    read_now = StreamMatcher.read_odometer
-    camera = play(sent(), SENSOR, speed=1.0)
-    bridge = camera.bridge
-    odometer = TalkingOdometer(
-        lambda: shown_m(1e-6 * int(events["t"][max(bridge.sent_events - 1, 0)]))
-    )
-    line = ["--port", camera.address, "--protocol", "evpr", "--once", "--max-lag", "60s"]
-    try:
-        with pytest.MonkeyPatch.context() as patch:
-            patch.setattr(StreamMatcher, "read_odometer", read_odometer)
-            ended = main(["stream", *line, "--odometry", odometer.address, *map(str, words)])
-    finally:
-        odometer.close()
-        camera.thread.join()
-    assert (ended, len(read) >= READINGS) == (fails, True)
-    return events[: bridge.sent_events]
+    return streamed
 
 
 def readings_of(log):
@@ -218,11 +189,11 @@ def readings_of(log):
     return Odometry(np.array(list(read), dtype=np.int64), np.rint(1e3 * distance_m).astype(int))
 
 
-def test_a_run_with_an_odometer_is_the_offline_one_with_the_readings_of_its_log(drive, tmp_path):
+def test_a_run_with_an_odometer_is_the_offline_one_with_the_readings_of_its_log(
+    streamed, drive, tmp_path
+):
     log = tmp_path / "run.jsonl"
-    # a match that is older when it is given would be given once more
-    words = ["--every", "100ms", "--max-age", "60s", "--map", drive / "map.npz", "--log", log]
-    events = streamed(drive, *words)
+    events = streamed("--every", "100ms", "--map", drive / "map.npz", "--log", log)
     assert not rows_of(log, "odometer")
     reference = ReferenceMap.load(drive / "map.npz")
     live = [
@@ -273,19 +244,19 @@ def test_what_is_driven_while_the_line_stands_still_is_read_with_the_events_of_t
     assert np.abs(distance_mm - distance_mm[0] - 5e-3 * (time_us - time_us[0])).max() < 500
 
 
-def test_a_map_that_is_learnt_with_an_odometer_knows_its_distances(drive, tmp_path, capsys):
+def test_a_map_that_is_learnt_with_an_odometer_knows_its_distances(streamed, tmp_path, capsys):
     target, log = tmp_path / "map.npz", tmp_path / "run.jsonl"
     words = ["--sensor", "64x48", "--learn", "-o", target, "--sigma", "1", "--log", log]
-    events = streamed(drive, *words, "--pixels", "20", "--tau", "100ms")
+    events = streamed(*words, "--pixels", "20", "--tau", "100ms")
     learnt, odometry = ReferenceMap.load(target), readings_of(log)
     expected = ReferenceMap.build(Drive(events, SENSOR), learnt.settings, odometry=odometry)
     assert learnt == expected
     assert learnt.odometer_mm[-1] > 2_000
 
 
-def test_a_drive_that_makes_no_map_is_kept_with_its_odometry(drive, tmp_path, capsys):
+def test_a_drive_that_makes_no_map_is_kept_with_its_odometry(streamed, tmp_path, capsys):
     words = ["--sensor", "64x48", "--learn", "-o", tmp_path / "map.npz", "--tau", "3600s"]
-    streamed(drive, *words, fails=2)
+    streamed(*words, fails=2)
     err = capsys.readouterr().err
     table = tmp_path / "map_drive.csv"
     assert f"-o {tmp_path / 'map.npz'} --odometry {table}" in err
@@ -322,10 +293,10 @@ def test_a_session_takes_no_file_as_the_odometer(drive, tmp_path):
         LiveSession("sent.bin", **arguments, odometry=str(tmp_path / "wheel.csv"))
 
 
-def test_a_run_counts_the_leaps_of_its_odometer_and_goes_on_without_it(drive, capsys):
+def test_a_run_counts_the_leaps_of_its_odometer_and_goes_on_without_it(streamed, drive, capsys):
     """Of millimetres, every reading leaps."""
     words = ["--map", drive / "map.npz", "--json"]
-    streamed(drive, *words, shown_m=lambda time_s: 5_000 * time_s)
+    streamed(*words, shown_m=lambda time_s: 5_000 * time_s)
     out = capsys.readouterr().out
     ((said,), (health,)) = rows_of(out, "odometer"), rows_of(out, "summary")
     assert said["text"].startswith("the odometer leapt to ")
@@ -335,12 +306,12 @@ def test_a_run_counts_the_leaps_of_its_odometer_and_goes_on_without_it(drive, ca
 
 
 def test_a_live_run_shows_the_odometer_s_metres_beside_the_length_of_the_route(
-    drive, tmp_path, capsys
+    streamed, drive, tmp_path, capsys
 ):
     """A wrong sign is seen whatever is matched."""
     log = tmp_path / "run.jsonl"
     words = ["--map", drive / "map.npz", "--precision", "0.99", "--log", log]
-    streamed(drive, *words, shown_m=lambda time_s: 1_000 - 5 * time_s)
+    streamed(*words, shown_m=lambda time_s: 1_000 - 5 * time_s)
     text = "".join(capsys.readouterr())
     assert re.search(
         r"\| -\d+\.\d m by the odometer, route length 14\.\d m \(ratio -\d+\.\d\d\)", text

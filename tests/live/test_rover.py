@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import runpy
 from dataclasses import replace
 from pathlib import Path
@@ -11,63 +10,15 @@ import numpy as np
 import pytest
 
 from edge_vpr.events import Sensor, join_events
-from edge_vpr.live.bridge import LineFaults
-from edge_vpr.live.protocols import open_encoder
-from edge_vpr.live.reader import Chunk
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.simulation import simulate_pair
-from tests.live.devices import sent_by
+from tests.live.devices import TimedCamera, sent_by
 
 SENSOR = Sensor(128, 128)
 ROVER = Path(__file__).parents[2] / "examples/rover.py"
 SLOW, FAST = 0.2, 1.0
 #: Further than it drives on the map's street until it knows a place.
 KNOWS_M = 2.5
-
-
-class Camera:
-    """Stands in for the reader of a line: each call brings what came in the last 10 ms.
-
-    Parameters
-    ----------
-    silent_s, held_up_s : float
-        When nothing more comes, on a line that stays for 5 s, and when the host stands for 3 s.
-    """
-
-    live = drops = True
-    address, remark, lost_link, error = "camera", "", "", None
-    line_errors = dead_s = 0
-
-    def __init__(self, clock, events, faults="", silent_s=math.inf, held_up_s=math.inf):
-        self.clock, self.events, self.begin_s = clock, events, clock.monotonic()
-        self.encoder, self.sent = open_encoder("evpr", SENSOR), 0
-        self.faults, self.rng = LineFaults.parse(faults), np.random.default_rng(0)
-        self.silent_s, self.held_up_s = silent_s, held_up_s
-
-    @property
-    def now_s(self):
-        return self.clock.monotonic() - self.begin_s
-
-    @property
-    def ended(self):
-        return self.sent == self.events.size or self.now_s > self.silent_s + 5
-
-    def take(self, timeout):
-        self.clock.sleep(0.01)
-        if self.now_s > self.held_up_s:
-            self.clock.sleep(3)
-            self.held_up_s = math.inf
-        end = int(np.searchsorted(self.events.t, 1e6 * min(self.now_s, self.silent_s)))
-        end = min(end, self.sent + 2_000)  # as many as a line brings in this time
-        piece, self.sent = self.events[self.sent : end], end
-        data = self.faults.corrupt(self.encoder.encode(piece), self.rng) if piece.size else b""
-        return Chunk(data, self.clock.monotonic()) if data else None
-
-    def send(self, data, timeout=1.0):
-        pass
-
-    def stop(self):
-        pass
 
 
 @pytest.fixture
@@ -111,7 +62,7 @@ def test_a_rover_stops_near_its_goal(faults, back_m, places, driven, clock, stre
         off_us = int(again["t"][0]) - int(first["t"][-1]) - 1
         again.t -= off_us
         events, off_s = join_events([first, again]), off_us / 1e6
-    camera = Camera(clock, events, faults)
+    camera = TimedCamera(clock, events, SENSOR, faults)
     reached_m, speeds = driven(camera, goal_m)
     assert reached_m >= goal_m
     assert speeds[-1] == (0.0, camera.now_s)
@@ -123,7 +74,7 @@ def test_a_rover_stops_near_its_goal(faults, back_m, places, driven, clock, stre
 def test_a_rover_whose_camera_falls_silent_stops_at_once(driven, rover, clock, street):
     """The port stays, as where a firmware hangs."""
     rover["BLIND_M"] = KNOWS_M
-    reached, speeds = driven(Camera(clock, street[1], silent_s=15), 1_000)
+    reached, speeds = driven(TimedCamera(clock, street[1], SENSOR, silent_s=15), 1_000)
     assert reached is None
     assert speeds[-2][0] == FAST and speeds[-2][1] < 15
     assert speeds[-1][0] == 0.0 and 15 < speeds[-1][1] < 16
@@ -132,7 +83,8 @@ def test_a_rover_whose_camera_falls_silent_stops_at_once(driven, rover, clock, s
 def test_a_rover_that_knows_no_place_does_not_drive_on(driven, rover, clock):
     """As on a street that is not the map's; it has not heard all of it when it ends."""
     rover["BLIND_M"] = KNOWS_M
-    camera = Camera(clock, join_events(list(simulate_pair(seed=5, length_m=200.0)[0])))
+    other, _ = simulate_pair(seed=5, length_m=200.0)
+    camera = TimedCamera(clock, join_events(list(other)), SENSOR)
     ended, speeds = driven(camera, 1_000)
     assert "this may not be the route" in ended
     assert not camera.ended
@@ -141,7 +93,7 @@ def test_a_rover_that_knows_no_place_does_not_drive_on(driven, rover, clock):
 
 def test_a_rover_stands_while_matches_come_late(driven, clock, street):
     """Here since its host stood for 3 s; it drives on with the matches of now."""
-    _, speeds = driven(Camera(clock, street[1], held_up_s=15), 1_000)
+    _, speeds = driven(TimedCamera(clock, street[1], SENSOR, held_up_s=15), 1_000)
     (at,) = (i for i, (_, at_s) in enumerate(speeds) if 18 < at_s < 18.1)
     assert [speed for speed, _ in speeds[at : at + 3]] == [0.0, SLOW, FAST]
 
