@@ -32,12 +32,11 @@ PLAIN := NUMBA_DISABLE_JIT=1 $(BIN)/python -m pytest -q -n auto $(wildcard $(KER
 
 # what guards a change
 test: lint types
-	$(BIN)/python -m pytest -q -n auto --dist worksteal -m "not slow and not alone"
+	$(BIN)/python -m pytest -q -n auto --dist worksteal -m "not slow"
 
-# the rest: slow tests, terminals in real time, and kernels in plain Python; says how long each part takes
+# the rest: slow tests, and kernels in plain Python; says how long each part takes
 verify: $(call STAMP,test)
-	time $(BIN)/python -m pytest -q -n auto --dist worksteal -m "slow and not alone"
-	time $(BIN)/python -m pytest -q -m alone tests
+	time $(BIN)/python -m pytest -q -n auto --dist worksteal -m slow
 	time $(PLAIN)
 
 # of what has kernels, with the compiler off
@@ -62,7 +61,7 @@ test-oldest:
 	$(PYTHON) -m venv .oldest
 	.oldest/bin/python -m pip install --quiet uv
 	.oldest/bin/uv pip install --quiet --python .oldest/bin/python --resolution lowest-direct --editable '.[test]'
-	.oldest/bin/python -m pytest -n auto --dist worksteal -m "not slow and not alone" -W ignore::DeprecationWarning
+	.oldest/bin/python -m pytest -n auto --dist worksteal -m "not slow" -W ignore::DeprecationWarning
 
 # the firmware by abstract interpretation, of all sizes; a minute
 eva: $(call STAMP,test)

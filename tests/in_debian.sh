@@ -135,7 +135,7 @@ install_packages() {
 cmp -s "$here/pyproject.toml" "$root/opt/edge-vpr/installed.toml" || install_packages
 
 if [ $# = 0 ]; then
-    set -- -m "not slow and not alone"
+    set -- -m "not slow"
     if [ "$part" = kernels ]; then
         for name in $kernels; do set -- "$@" tests/*/test_"$name".py; done
     else

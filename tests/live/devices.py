@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import fcntl
 import json
 import math
+import struct
+import termios
 import threading
 import time
 from collections.abc import Callable, Iterable
@@ -70,6 +73,12 @@ def wait_until(condition: Callable[[], object], seconds: float = 60) -> None:
         time.sleep(0.001)
 
 
+def bytes_waiting(file: Any) -> int:
+    """Bytes that the system holds for who reads a terminal or a pipe."""
+    count: int = struct.unpack("i", fcntl.ioctl(file.fileno(), termios.FIONREAD, bytes(4)))[0]
+    return count
+
+
 def send_all(link: Link, data: bytes) -> None:
     """Write all bytes to a link; fail if the other side takes them too slowly."""
     end = time.monotonic() + 60
@@ -84,12 +93,19 @@ def greeted(link: Link) -> None:
 
 
 class Clock:
-    """The time for a module whose `time` a test replaces; it goes on when the test says so."""
+    """The time for a module whose `time` a test replaces; it goes on when the test says so.
+
+    Attributes
+    ----------
+    off_s : float
+        By how much the time of day was set.
+    """
 
     CLOCK_BOOTTIME = time.CLOCK_BOOTTIME
 
     def __init__(self) -> None:
         self.now_s = 1_000.0
+        self.off_s = 1.7e9
 
     def clock_gettime_ns(self, clock: int) -> int:
         """As `time.clock_gettime_ns`."""
@@ -101,7 +117,7 @@ class Clock:
 
     def time(self) -> float:
         """As `time.time`."""
-        return 1.7e9 + self.now_s
+        return self.off_s + self.now_s
 
     def sleep(self, seconds: float) -> None:
         """Be later."""

@@ -148,7 +148,7 @@ def test_the_matches_of_every_protocol_are_those_of_the_recording(
         if taken == "iterated":
             matches = list(session)
         matches += polled(session, lambda: session.ended)
-    thread.join(timeout=5)
+    thread.join()
     expected = offline(route, events)
     assert expected.size > 30
     assert [round(1e6 * match.time_s) for match in matches] == expected["time_us"].tolist()
@@ -209,7 +209,7 @@ def test_a_link_that_is_open_already_is_taken(kind, route, query):
             places.append(match.place)
             if len(places) == len(expected) - 1:
                 session.stop()
-    writing.join(timeout=5)
+    writing.join()
     assert places == expected[: len(places)]
     assert len(places) > 30
     assert session.health.decoded >= 38_000

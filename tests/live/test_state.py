@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import json
 import subprocess
 import sys
 import threading
-import time
 from pathlib import Path
 
 import numpy as np
@@ -18,7 +16,7 @@ from edge_vpr.archive import SCHEMA_VERSION, read_archive, write_archive
 from edge_vpr.errors import UsageError
 from edge_vpr.events import Sensor
 from edge_vpr.live import state as state_module
-from edge_vpr.live.bridge import VirtualLink, open_device_link
+from edge_vpr.live.bridge import open_device_link
 from edge_vpr.live.protocols import open_decoder, open_encoder
 from edge_vpr.live.state import KIND, StateWriter
 from edge_vpr.live.stream_matcher import StreamMatcher
@@ -27,8 +25,7 @@ from edge_vpr.online import localiser as localiser_module
 from edge_vpr.online.localiser import Localiser
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.simulation import simulate_pair
-from tests.live.conftest import street_of
-from tests.live.devices import DEVICES, Pipe, fed, sent_by, wait_until
+from tests.live.devices import DEVICES, Pipe, fed, greeted, send_all, sent_by, wait_until
 from tests.streams import Drive, split_events
 
 SENSOR = Sensor(128, 128)
@@ -60,18 +57,19 @@ def between(events, begin_s, end_s):
     return events[(events["t"] >= 1e6 * begin_s) & (events["t"] < 1e6 * end_s)].copy()
 
 
-@pytest.mark.parametrize("clock", ["goes on", "restarts"])
+@pytest.mark.usefixtures("clock")
+@pytest.mark.parametrize("times", ["go on", "restart"])
 @pytest.mark.parametrize(("host", "device"), TYPICAL)
-def test_a_session_goes_on_where_the_one_before_was(host, device, clock, street, tmp_path):
+def test_a_session_goes_on_where_the_one_before_was(host, device, times, street, tmp_path):
     path, events, track = street
-    if clock == "restarts" and host == "edvs":
+    if times == "restart" and host == "edvs":
         # one of 24 bits wraps after 17 s: a restart is then no other than a silence
         host = device = "edvs:format=E4"
     before, said = played(between(events, 0, 20), tmp_path / "run.state", path, host, device)
     assert said == []
     late = between(events, 20, 24)
     true_m = track.at(late["t"][-1:])[0, 0]
-    late.t -= late["t"][0] if clock == "restarts" else 0
+    late.t -= late["t"][0] if times == "restart" else 0
     matches, (said,) = played(late, tmp_path / "run.state", path, host, device)
     assert "goes on" in said
     assert matches[0].time_s > before[-1].time_s
@@ -211,12 +209,11 @@ def test_a_state_that_cannot_be_used_is_told_and_costs_nothing_else(what, street
 
 
 @pytest.mark.parametrize("off_s", [-3_600, 3_600])
-def test_a_clock_that_is_set_in_the_meantime_changes_nothing(off_s, street, tmp_path, monkeypatch):
+def test_a_clock_that_is_set_in_the_meantime_changes_nothing(off_s, street, tmp_path, clock):
     """As that of a computer without a battery for it, when the network tells the time."""
     path, events, track = street
     played(between(events, 0, 20), tmp_path / "run.state", path)
-    now = time.time
-    monkeypatch.setattr(time, "time", lambda: now() + off_s)
+    clock.off_s += off_s
     late = between(events, 20, 24)
     matches, (said,) = played(late, tmp_path / "run.state", path)
     assert "goes on after" in said
@@ -359,93 +356,32 @@ def test_a_state_that_cannot_be_written_is_told_once_and_ends_nothing(
     assert len(told()) == 1
 
 
-class Camera:
-    """Sends events at their own pace to whoever listens, as a serial port does."""
-
-    def __init__(self, device, events):
-        self.link, self.device, self.events = VirtualLink(), device, events
-        self.encoder, self.listened, self.off_us = open_encoder(device, SENSOR), False, 0
-        self.ended = threading.Event()
-        self.thread = threading.Thread(target=self.play, daemon=True)
-        self.begun_us = 0
-        self.thread.start()
-
-    def play(self):
-        sent = 0
-        while not self.ended.is_set():
-            if self.link.read(0.002):
-                self.begun_us = self.begun_us or round(1e6 * time.time())
-                self.listened = True
-            if not self.begun_us:
-                continue
-            end = int(np.searchsorted(self.events["t"], 1e6 * time.time() - self.begun_us))
-            piece, sent = self.events[sent:end].copy(), end
-            piece.t -= self.off_us
-            data = self.encoder.encode(piece) if self.listened and piece.size else b""
-            while data and self.listened and not self.ended.is_set():
-                data = data[self.link.write(data, 0.1) :]
-
-    def lose(self, *, clock_restarts):
-        """Send to nobody until somebody opens the port again."""
-        self.listened = False
-        if clock_restarts:
-            self.off_us = round(1e6 * time.time()) - self.begun_us
-
-    def close(self):
-        self.ended.set()
-        self.thread.join(timeout=5)
-        self.link.close()
-
-
-def stream(camera, path, state, protocol):
-    words = [sys.executable, "-m", "edge_vpr_tools.cli", "stream", "--port", camera.link.address]
-    words += ["--protocol", protocol, "--map", str(path), "--state", str(state), "--json"]
-    return subprocess.Popen(words, stdout=subprocess.PIPE, text=True)
-
-
-def rows(process):
-    """Yield the rows of a process that is killed in any case."""
-    limit = threading.Timer(240, process.kill)
-    limit.start()
+@pytest.mark.slow
+def test_a_service_that_is_killed_goes_on_when_it_is_started_again(street, tmp_path):
+    """What it had kept is whole, and its lock is nobody's."""
+    path, events, track = street
+    state, link = tmp_path / "run.state", open_device_link("virtual")
+    encoder = open_encoder("evpr", SENSOR)
+    words = [sys.executable, "-m", "edge_vpr_tools.cli", "stream", "--port", link.address, "-q"]
+    words += ["--protocol", "evpr", "--map", path, "--state", state, "--on-overload", "wait"]
+    process = subprocess.Popen(list(map(str, words)))
     try:
-        yield from map(json.loads, process.stdout)
+        greeted(link)
+        send_all(link, encoder.start())
+        for piece in Drive(between(events, 0, 20), SENSOR):
+            send_all(link, encoder.encode(piece))
+
+        def is_kept():
+            send_all(link, encoder.idle(20_000_000))
+            return state.exists() and read_archive(state, KIND)[1]["now_us"] > 19_500_000
+
+        wait_until(is_kept, 120)
     finally:
-        limit.cancel()
         process.kill()
         process.wait()
-        process.stdout.close()
-
-
-@pytest.mark.slow
-@pytest.mark.alone
-@pytest.mark.parametrize(
-    ("protocol", "device", "clock_restarts"),
-    [("evpr", "evpr", False), ("evpr", "evpr", True), ("edvs", "edvs", False)],
-)
-def test_a_service_that_is_killed_goes_on_when_it_is_started_again(
-    protocol, device, clock_restarts, tmp_path
-):
-    """Killed as it drives, and started again 3 s later."""
-    path, events, track = street_of(tmp_path, 400.0)
-    camera, state = Camera(device, events), tmp_path / "run.state"
-    for row in rows(stream(camera, path, state, protocol)):
-        # the line is said to be lost before the process is gone, as a port that nobody reads
-        if row["kind"] == "match" and row["time_s"] > 16:
-            camera.lose(clock_restarts=clock_restarts)
-            break
-    assert state.exists()
-    time.sleep(3)
-    said, first_us = [], 0
-    for row in rows(stream(camera, path, state, protocol)):
-        if row["kind"] == "state":
-            said.append(row["text"])
-        if row["kind"] != "match":
-            continue
-        first_us = first_us or row["host_us"]
-        true_m = track.at(np.array([row["host_us"] - camera.begun_us]))[0, 0]
-        if row["missing"] < 0.5 and abs(row["along_m"] - true_m) < 8.0:
-            break
-    camera.close()
-    assert len(said) == 1
-    assert "goes on" in said[0]
-    assert row["host_us"] - first_us < 3_000_000
+        link.close()
+    late = between(events, 20, 30)
+    matches, (said,) = played(late, state, path)
+    assert "goes on" in said
+    assert matches[0].time_s > 20
+    assert abs(matches[-1].along_m - track.at(late["t"][-1:])[0, 0]) < 8.0
