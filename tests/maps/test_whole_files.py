@@ -260,11 +260,11 @@ def test_an_error_between_the_renames_leaves_the_old_folder(tmp_path, monkeypatc
 
 
 HOLD = """
-import sys, time
+import sys
 from edge_vpr.files import replacing, replacing_folder
 with (replacing_folder if sys.argv[2] == "folder" else replacing)(sys.argv[1]) as temporary:
     print("ready", flush=True)
-    time.sleep(60)
+    sys.stdin.read()
 """
 
 
@@ -273,8 +273,9 @@ def test_a_killed_run_is_cleared_at_the_next_one_and_a_living_one_is_left_alone(
     runs = []
     for name in ("dead", "alive"):
         run = subprocess.Popen(
-            [sys.executable, "-c", HOLD, str(tmp_path / name), what], stdout=subprocess.PIPE
-        )
+            [sys.executable, "-c", HOLD, str(tmp_path / name), what],
+            stdin=subprocess.PIPE, stdout=subprocess.PIPE,
+        )  # fmt: skip
         assert run.stdout.readline() == b"ready\n"
         runs.append(run)
     dead, alive = runs
@@ -291,6 +292,7 @@ def test_a_killed_run_is_cleared_at_the_next_one_and_a_living_one_is_left_alone(
         alive.kill()
         alive.wait()
         for run in runs:
+            run.stdin.close()
             run.stdout.close()
     write(tmp_path / "another", "again")
     assert [path.name for path in tmp_path.iterdir()] == ["another"]

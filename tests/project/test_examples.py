@@ -197,7 +197,7 @@ def boot(elf: Path, flash: int = 0, ram_bytes: int = 64 << 10) -> dict[str, int]
     stack, reset = struct.unpack("<2I", board.mem_read(flash, 8))
     assert (stack, reset & 1) == (0x2000_0000 + ram_bytes, 1)
     board.reg_write(unicorn.arm_const.UC_ARM_REG_SP, stack)
-    board.emu_start(reset, symbols["finished"][0] & ~1, timeout=20_000_000)
+    board.emu_start(reset, symbols["finished"][0] & ~1, count=20_000_000)
     at = board.reg_read(unicorn.arm_const.UC_ARM_REG_PC)
     assert at & ~1 == symbols["finished"][0] & ~1
     return {
