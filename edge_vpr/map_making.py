@@ -228,7 +228,6 @@ def map_traverse(
     RecordingError, EventError
         If the recording is faulty.
     """
-    recording = opened(recording)
     sensor = recording.sensor
     _check_of_sensor(sensor, pixel_map, hot, removed)
     if pixel_map is not None:

@@ -23,7 +23,6 @@ from lab.tables import with_tables
 
 from edge_vpr.events import Sensor
 from edge_vpr.live.protocols import Health
-from edge_vpr.map_making import map_traverse
 from edge_vpr.match_result import OnlineMetrics
 from edge_vpr.matching.match import Match
 from edge_vpr.recordings import write_recording
@@ -64,7 +63,7 @@ def names_for(page: str) -> dict[str, Any]:
         events = random_events(np.random.default_rng(3), 4_000, Sensor(32, 24), 2_000_000)
         settings = PRESETS["default"].replaced({"pixels": 20, "sigma": 1.0, "tau": "100ms"}, "")
         Path("sent.bin").write_bytes(sent_by(events, Sensor(32, 24)))
-        map_traverse(Drive(events, Sensor(32, 24)), settings).save("map.npz")
+        ReferenceMap.build(Drive(events, Sensor(32, 24)), settings).save("map.npz")
     return {}
 
 

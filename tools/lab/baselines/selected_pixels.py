@@ -16,7 +16,6 @@ from edge_vpr.descriptors.published import WindowSource
 from edge_vpr.descriptors.windows import WindowCounts, narrow
 from edge_vpr.errors import UsageError
 from edge_vpr.events import Sensor
-from edge_vpr.map_making import map_traverse
 from edge_vpr.recordings.reading import EventSource
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.settings import PRESETS, Settings
@@ -110,7 +109,7 @@ def map_all_pixels(
     y, x = np.nonzero(~hot)
     everything = PixelMap(recording.sensor, x.astype(np.uint16), y.astype(np.uint16))
     settings = settings.replaced({"strategy": "top"}, "all pixels")
-    return map_traverse(recording, settings, pixel_map=everything, hot=hot)
+    return ReferenceMap.build(recording, settings, pixel_map=everything, hot=hot)
 
 
 # Binary frames: the pixels with any event in a window, compared by their overlap.
