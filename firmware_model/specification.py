@@ -229,6 +229,8 @@ def accepts(design: Design, places: BestPlaces, trust: int) -> bool:
 
 #: cost of a change of gain by half an octave
 GAIN_STEP = 24
+#: a window has few events below this surplus
+FEW_BELOW = -48
 #: after more windows with few events in a row, the robot stands
 PATIENCE = 2
 #: windows of a path after which its trust is whole
@@ -324,7 +326,7 @@ def see(
     weight, few = 8, paused
     if state.place is not None:
         surplus = activity - filter_map.activity[state.place] - min(filter_map.gains[state.gain], 0)
-        weight, few = min(max((surplus + 56) >> 1, 0), 8), paused or surplus < -48
+        weight, few = min(max((surplus + 56) >> 1, 0), 8), paused or surplus < FEW_BELOW
     in_row = min(state.few + 1, patience + 1) if few else 0
     speed, moved, several = state.speed, state.moved, len(filter_map.gains) > 1
     if several and not few:

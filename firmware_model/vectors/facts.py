@@ -19,6 +19,7 @@ from firmware_model.design import (
     ACTIVITY_FRACTION_BITS,
     BIAS_TOP,
     EVIDENCE_TOP,
+    FRACTION_BITS,
     LEVEL_TOP,
     LEVELS,
     MARGIN_TOP,
@@ -30,6 +31,7 @@ from firmware_model.design import (
     formats_of,
 )
 from firmware_model.specification import (
+    FEW_BELOW,
     PATIENCE,
     WHOLE_AGE,
     Advanced,
@@ -57,7 +59,7 @@ from firmware_model.specification import (
 )
 from firmware_model.vectors.case import Case, in_order, window_codes
 from firmware_model.vectors.fast_filter import advanced_by, changed, predictions
-from fixedpoint.activity import BANK_COSTS, GAINS, PARTS, PAUSE_SHIFT, SAME_ROW, SUMS
+from fixedpoint.activity import BANK_COSTS, GAINS, LOG_TOP, PARTS, PAUSE_SHIFT, SAME_ROW, SUMS
 from fixedpoint.own_mean import (
     FIRST_SHIFT,
     LAST_SHIFT,
@@ -120,8 +122,8 @@ FILTER = {
     "busy_at_threshold": "no pause, and would be one with a mean activity higher by 1/256 event",
     "scale_over_pause": "a window behind a pause that is scaled by the spread before the pause",
     **{f"weight_{n}": f"a window whose evidence has {n}/8 of its weight" for n in range(9)},
-    "few_at_threshold": "a window in which the robot stands, and would not with 1/16 octave more",
-    "enough_at_threshold": "a window in which it does not stand, and would with 1/16 octave less",
+    "few_at_threshold": "a match that would be another were few events at least 1/16 octave fewer",
+    "enough_at_threshold": "a match that would be another were few events at most 1/16 octave more",
     "few_forgotten": "a window that ends a row of one or two with few events",
     "standing_begins": "a window with which the robot stands",
     "standing_goes_on": "a window in which the robot still stands",
@@ -149,7 +151,11 @@ FILTER = {
     "silence_decides": "a case that would be another were only few events a pause, of any mean",
     "restarted": "a place that nothing leads to for less than a restart",
     "pause_restarted": "a best place in a window that pauses that only a restart leads to",
-    "evidence_saturated": "a place whose evidence is at its largest, and would be above it",
+    "evidence_limit_decides": "a match that would be another had evidence no limit before its "
+    "weight",
+    "large_evidence_decides": "a match that would be another had evidence 7 bits before its weight",
+    "large_activity_decides": "a match that would be another had the activity of a window 7 bits "
+    "and a sign",
     "metric_saturated": "a place whose metric is at its largest, and would be above it",
     "second_saturated": "a match whose second best has the largest metric",
     "spread_of_nothing": "a window with the same distance to all places",
@@ -203,6 +209,7 @@ SEVERAL_GAINS = {
         for which, what in (
             ("up", "to a higher gain"), ("down", "to a lower one"), ("by_one", "by one gain"),
             ("by_several", "by two gains and more"),
+            ("by_five", "by five gains: one by six costs more than the largest metric"),
         )
     },
     "changes_before_restart_decide": "a match that would be another had a restart been from the "
@@ -213,6 +220,8 @@ SEVERAL_GAINS = {
     "sum_returns": "a window in which a sum is looked at again",
     "forgetting_decides": "a match that would be another had a sum not been forgotten",
     "slowness_decides": "a match that would be another had the mean speed moved by 1/32 at least",
+    "first_speed_decides": "a match that would be another did the mean speed begin with an octave",
+    "large_speed_decides": "a match that would be another had the mean speed 10 bits and a sign",
     "low_gains_decide": "a match that would be another had no low gain become the next lower one",
     **{f"speed_shift_{n}": f"a mean speed that moves by 1/{1 << n}" for n in range(7)},
     "speed_saturated": "a mean speed that moves after 63 windows",
@@ -305,6 +314,8 @@ def own_facts(design: Design) -> set[str]:
         names -= {"filter_no_second"}
     if design.slots * design.count_max <= 0xFFFF:
         names -= {"events_decide"}
+    if design.restart << FRACTION_BITS > BANK_COSTS[design.places_per_window][-1][0]:
+        names -= {"pause_restarted"}  # to stay costs less, also in the highest row
     if not design.trust:
         names -= {"trusted_at_threshold", "distrusted_at_threshold"}
     if design.window == "time":
@@ -367,7 +378,7 @@ class Facts:
         assert advanced is not None
         filter_map = FilterMap.of(self.machine.memories)
         self._see_pause(advanced, before)
-        for name in _events_facts(filter_map, before, advanced):
+        for name in _events_facts(before, advanced.seen):
             self.tally[name] += 1
         self._see_costs(filter_map, before, advanced)
         self._see_logarithm(filter_map, before, advanced)
@@ -377,6 +388,7 @@ class Facts:
         self._see_trust(match, advanced, before)
         if len(filter_map.gains) > 1:
             self._see_gains(filter_map, before, advanced)
+        self._see_others(filter_map, before, advanced)
         self._paused, self._told = advanced.seen.paused, match.place
 
     def _see_pause(self, advanced: Advanced, before: Filter) -> None:
@@ -468,7 +480,6 @@ class Facts:
             least, most, scale = min(distances), max(distances), advanced.evidence.scales[i]
             tally["spread_of_nothing"] += len(distances) > 1 and most == least
             tally["spread_of_one"] += scale == one and not first and most > least
-            tally["evidence_saturated"] += ((most - least) * scale) >> 14 > EVIDENCE_TOP
             tally["nearest_above_7_bits"] += least > 127
             tally["distance_above_8_bits"] += least <= 255 < most
             total = sum(distances)
@@ -550,7 +561,6 @@ class Facts:
         of_best = [row[best.place] for row in advanced.state.metrics]
         tally["gain_tie"] += of_best.count(min(of_best)) > 1
         tally["gain_changed"] += advanced.trust.age > 0 and best.gain != before.gain
-        self._see_others(filter_map, before, advanced)
         if before.place is not None and not seen.paused:
             own = filter_map.activity[before.place] + min(filter_map.gains[before.gain], 0)
             tally["quiet_place"] += own <= -73 and 0 < seen.weight < 8
@@ -668,8 +678,8 @@ _OTHER_DEVICES: dict[str, tuple[str, str, Callable[..., Any]]] = {
 
 
 @contextmanager
-def replaced(name: str, other: Callable[..., Any]) -> Iterator[None]:
-    """Replace a function of the specification in the block."""
+def replaced(name: str, other: Any) -> Iterator[None]:
+    """Replace a function or a constant of the specification in the block."""
     kept = getattr(specification, name)
     setattr(specification, name, other)
     try:
@@ -686,18 +696,31 @@ class _Rule(NamedTuple):
     restarts_first: bool = False  #: Before gains change.
     keeps_reciprocals: bool = False
     most_shift: int = 6  #: Of the mean speed.
+    first_speed: int = 0
+    most_speed: int = LOG_TOP << 4
+    most_activity: int = LOG_TOP
+    few_below: int = FEW_BELOW
+    evidence_top: int = EVIDENCE_TOP
 
 
 #: by the fact that says that their rule decides
 _OTHER_FILTERS = {
+    "few_at_threshold": _Rule(few_below=FEW_BELOW - 1),
+    "enough_at_threshold": _Rule(few_below=FEW_BELOW + 1),
+    "evidence_limit_decides": _Rule(evidence_top=1 << 16),
+    "large_evidence_decides": _Rule(evidence_top=EVIDENCE_TOP >> 1),
+    "large_activity_decides": _Rule(most_activity=127),
     "change_up_decides": _Rule(lambda before, after: after > before),
     "change_down_decides": _Rule(lambda before, after: after < before),
     "change_by_one_decides": _Rule(lambda before, after: abs(after - before) == 1),
     "change_by_several_decides": _Rule(lambda before, after: abs(after - before) > 1),
+    "change_by_five_decides": _Rule(lambda before, after: abs(after - before) == 5),
     "changes_before_restart_decide": _Rule(restarts_first=True),
     "low_gains_decide": _Rule(lambda before, after: after < before and after < 4),
     "forgetting_decides": _Rule(keeps_reciprocals=True),
     "slowness_decides": _Rule(most_shift=5),
+    "first_speed_decides": _Rule(first_speed=16 << 4),
+    "large_speed_decides": _Rule(most_speed=(1 << 10) - 1),
 }
 
 
@@ -711,33 +734,38 @@ class _Window:
         self, filter_map: FilterMap, distances: Rows, before: Filter, advanced: Advanced
     ) -> None:
         self._map, self._distances, self._before = filter_map, distances, before
-        self._advanced, self._changed = advanced, changed(before.metrics)
+        self._advanced = advanced
 
     def without(self, rule: _Rule, state: Filter) -> Advanced:
         """Advance another filter."""
-        seen, of_model = self._see(rule, state), self._advanced
+        of_model = self._advanced
+        if state.place is None and rule.first_speed:
+            state = state._replace(speed=rule.first_speed)
+        with replaced("FEW_BELOW", rule.few_below):
+            seen = self._see(rule, state)
         rows = changed(state.metrics, rule.no_change)
         best = rows.min(axis=1)
         if rule.restarts_first:
             metrics = np.array(state.metrics)
             best = metrics.min(axis=1) - metrics.min()
-        against = evidence(self._map, state, seen, self._distances)
+        with replaced("EVIDENCE_TOP", rule.evidence_top):
+            against = evidence(self._map, state, seen, self._distances)
         if rule.keeps_reciprocals:
             pairs = zip(against.reciprocals, state.reciprocals, strict=True)
             against = against._replace(reciprocals=[new or old for new, old in pairs])
-        alike = state is self._before and (seen, against) == (of_model.seen, of_model.evidence)
-        if alike and (rows == self._changed).all() and (best == self._changed.min(axis=1)).all():
-            return of_model
         predicted = predictions(self._map, state, seen, rows, best)
-        return decide(self._map, state, seen, predicted, against)
+        advanced = of_model.predicted, of_model.seen, of_model.evidence
+        alike = state is self._before and (predicted, seen, against) == advanced
+        return of_model if alike else decide(self._map, state, seen, predicted, against)
 
     def _see(self, rule: _Rule, state: Filter) -> Seen:
         of_model = self._advanced.seen
-        seen = see(self._map, state, of_model.activity, of_model.paused)
-        if seen.few:
+        activity = min(of_model.activity, rule.most_activity)
+        seen = see(self._map, state, activity, of_model.paused)
+        if seen.few or len(self._map.gains) == 1:
             return seen
         shift = min((1 + state.moved).bit_length() - 1, rule.most_shift)
-        speed = state.speed + ((16 * seen.activity - state.speed) >> shift)
+        speed = min(state.speed + ((16 * activity - state.speed) >> shift), rule.most_speed)
         return seen._replace(
             speed=speed, looks=[which_sum(speed, gain) for gain in self._map.gains]
         )
@@ -753,23 +781,10 @@ _OF_RESIDUALS = (
 )  # fmt: skip
 
 
-def _events_facts(filter_map: FilterMap, before: Filter, advanced: Advanced) -> Iterator[str]:
+def _events_facts(before: Filter, seen: Seen) -> Iterator[str]:
     """Yield what the number of events says."""
-    seen = advanced.seen
     if not seen.paused:
         yield f"weight_{seen.weight}"
-    if before.place is not None and not seen.paused:
-        surplus = (
-            seen.activity
-            - filter_map.activity[before.place]
-            - min(filter_map.gains[before.gain], 0)
-        )
-        if surplus in (-49, -48):
-            # a window more or less with few events, and the robot would not or would stand
-            if surplus == -49 and seen.stands:
-                yield "few_at_threshold"
-            elif surplus == -48 and before.few >= PATIENCE:
-                yield "enough_at_threshold"
     if seen.few == 0 < before.few <= PATIENCE:
         yield "few_forgotten"
     if seen.stands:

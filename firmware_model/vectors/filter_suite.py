@@ -11,7 +11,7 @@ from bisect import bisect_left
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
-from itertools import cycle, groupby
+from itertools import chain, cycle, groupby
 from typing import Any
 
 import numpy as np
@@ -22,7 +22,6 @@ from firmware_model.memories import Codes, Memories
 from firmware_model.specification import (
     Event,
     Machine,
-    activity_of,
     gains_of,
     ilog,
     mean_activity_after,
@@ -39,19 +38,18 @@ from firmware_model.vectors.facts import (
     OF_MEANS,
     OF_SEQUENCES,
     OF_THE_CLOCK,
-    SEVERAL_GAINS,
     facts_for,
     own_facts,
 )
-from fixedpoint.activity import EVENTS_TOP, PARTS, PAUSE_SHIFT
-from fixedpoint.own_mean import FIRST_SHIFT, FULL_SCALE, LAST_SHIFT
+from fixedpoint.activity import BANK_COSTS, EVENTS_TOP, GAINS, PARTS, PAUSE_SHIFT
+from fixedpoint.own_mean import FIRST_SHIFT, LAST_SHIFT
 
 #: pixels of which a design must have so many to show every fact
 ENOUGH_PIXELS = 8
 #: cases that are drawn of each kind before a fact is given up, and of fewer pixels
 MOST_DRAWS, FEW_DRAWS = 400, 40
 #: the same of a design that does not vary, and of kinds of many windows
-OWN_DRAWS, FEWER_OWN_DRAWS = 30, {"drive": 6, "sums": 6, "long": 2, "busy": 2}
+OWN_DRAWS, FEWER_OWN_DRAWS = 30, {"drive": 6, "sums": 12, "speeds": 6, "long": 2, "bursts": 2}
 
 #: makes a variant of a design: `replace`, or `_as_it_is`
 Vary = Callable[..., Design]
@@ -102,7 +100,10 @@ def _kinds_of(design: Design) -> list[str]:
     by_time = [*by_count, "half", "numbered", "long", "pauses", "loud", "halves"]
     if design.window == "count":
         return by_count
-    return list(_KINDS) if design.filters else by_time if design.contrast else by_time[:-4]
+    if design.filters:
+        roomy = min(design.places, design.slots) >= 24
+        return [kind for kind in _KINDS if roomy or kind not in _ROOMY_KINDS]
+    return by_time if design.contrast else by_time[:-4]
 
 
 def _at_any_time(draw: Draw) -> Draw:
@@ -435,6 +436,16 @@ class _OfSums(Machine):
         return [0] * self.design.places
 
 
+def _codes_of_sums(stream: Stream, activity: int) -> list[list[Codes]]:
+    """Return the codes of each sum of each window of a stimulus."""
+    design = stream.design
+    no_places = [[0] * design.slots] * design.places
+    model = _OfSums(Memories(design, stream.pixels, no_places, activity=activity))
+    for event in stream.events:
+        deque(model.take(event), 0)
+    return [model.seen[i : i + design.sums] for i in range(0, len(model.seen), design.sums)]
+
+
 def _paths(name: str, design: Design, vary: Vary, rng: np.random.Generator, drawn: int) -> Case:
     """Draw places that are alike but for some with codes of sums, so that much speaks for these.
 
@@ -447,18 +458,14 @@ def _paths(name: str, design: Design, vary: Vary, rng: np.random.Generator, draw
         stream.fill(kinds[int(rng.integers(len(kinds)))])
     stream.close()
     activity = int(events * 2 ** rng.uniform(0, 2)) << ACTIVITY_FRACTION_BITS
-    model = _OfSums(
-        Memories(design, stream.pixels, [[0] * design.slots] * design.places, activity=activity)
-    )
-    for event in stream.events:
-        deque(model.take(event), 0)
-    alike = list(model.seen[int(rng.integers(len(model.seen)))])
+    seen = list(chain.from_iterable(_codes_of_sums(stream, activity)))
+    alike = list(seen[int(rng.integers(len(seen)))])
     for slot in rng.integers(design.slots, size=int(rng.integers(8))):
         alike[slot] += 1 if alike[slot] < design.code_max else -1
     codes: list[Sequence[int]] = [alike] * design.places
     first = int(rng.integers(max(design.places - 12, 1)))
     for at in rng.integers(min(design.places, 12), size=int(rng.integers(3, 9))):
-        codes[first + at] = model.seen[int(rng.integers(len(model.seen)))]
+        codes[first + at] = seen[int(rng.integers(len(seen)))]
     activities = [int(rng.integers(-50, 30))] * design.places
     return stream.case(name, codes, activity=activity, place_activity=activities)
 
@@ -668,27 +675,6 @@ def _loud(name: str, design: Design, vary: Vary, rng: np.random.Generator, drawn
     )  # fmt: skip
 
 
-def _busy(name: str, design: Design, vary: Vary, rng: np.random.Generator, drawn: int) -> Case:
-    """Draw a window of more events than 16 bits can count, in counters that do not saturate."""
-    if design.slots * FULL_SCALE < 0x14000:
-        design = vary(design, code="counts", gains=1)
-    design = vary(design, places=1, window="time", exclusion=0, restart=30)
-    # a logarithm above that of 16 bits, which is the first of a row in which standing costs more
-    events = int(0x10000 * 2 ** rng.uniform(1.1 / PARTS, 4 / PARTS))
-    activity = int(2 ** rng.uniform(14, 16)) << ACTIVITY_FRACTION_BITS
-    stream = Stream(design)
-    few = [3] * design.slots
-    of_mean = activity if design.gains > 1 else mean_activity_after(activity, sum(few))
-    own = activity_of(events, of_mean) + 4 - 8 * int(rng.integers(-6, 4))
-    even = [events // design.slots] * design.slots
-    even[0] += events - sum(even)
-    for counts in (few, even, few, few):
-        stream.fill(counts)
-    stream.close()
-    codes = rng.integers(0, design.code_max + 1, (design.places, design.slots)).tolist()
-    return stream.case(name, codes, activity=activity, place_activity=[own] * design.places)
-
-
 def _large_means(
     name: str, design: Design, vary: Vary, rng: np.random.Generator, drawn: int
 ) -> Case:
@@ -777,7 +763,152 @@ def _times(name: str, design: Design, vary: Vary, rng: np.random.Generator, draw
     return stream.case(name, codes)
 
 
+# Rare paths and thresholds: a map of many places, few of which are near.
+
+
+def _roomy(design: Design, vary: Vary) -> Design:
+    """Give a design pixels for windows that differ, and so many places that a few hardly spread."""
+    return vary(
+        design, window="time", pixels=96, width=max(design.width, 16), lookup_depth=0,
+        height=max(design.height, 16), code_bits=max(design.code_bits, 3), places=300, restart=16,
+    )  # fmt: skip
+
+
+def _evenly(number: int, slots: Sequence[int], design: Design) -> list[int]:
+    """Divide a number of events among slots."""
+    counts = [0] * design.slots
+    for i in range(number):
+        counts[slots[i % len(slots)]] += 1
+    return counts
+
+
+def _with_log(log: int) -> int:
+    """Return the least number of events of a logarithm."""
+    return bisect_left(range(EVENTS_TOP), log, key=ilog)
+
+
+def _far_from(codes: Codes, design: Design) -> Codes:
+    """Return codes that are far from these, as far as there is room."""
+    return next(far for steps in range(200, -1, -1) if (far := moved_by(design, codes, steps)))
+
+
+def _leaps(name: str, design: Design, vary: Vary, rng: np.random.Generator, drawn: int) -> Case:
+    """Draw a path to a place that the lowest gain alone sees, and then gains of other sums.
+
+    The lowest gain sees it by the second window. The gains from a number on see it again by the sum
+    of the last two; if the number is 1, another place, to which they restart from the path.
+    """
+    design = _roomy(design, vary)
+    pixels, most = rng.permutation(design.slots).tolist(), min((design.slots - 1) // 2, 30)
+    number, events = (1, 5)[drawn % 2], max(2 * most, 60)
+    before, slow = pixels[:most], pixels[most : 2 * most]
+    last = pixels[2 * most :][: most if number == 1 else 4]
+    activity = int(events * 2.0 ** (44 / PARTS)) + 1
+    # with it, the mean speed is between those by which this gain and the one below look at two
+    log = 2 * (GAINS[number] - 16) + 44 + int(rng.integers(-6, 7))
+    stream = Stream(design)
+    stream.fill(_evenly(events, before, design))
+    stream.fill(_evenly(events, slow, design))
+    stream.fill(_evenly(int(activity * 2.0 ** (log / PARTS)), last, design))
+    stream.close()
+    activity <<= ACTIVITY_FRACTION_BITS
+    sums = _codes_of_sums(stream, activity)
+    start, beyond = int(rng.integers(design.places)), 12 + design.exclusion
+    near = {0: sums[0][0], **dict.fromkeys((1, 2, 3), sums[1][0])}
+    near |= {beyond: sums[1][1], beyond + 1: sums[2][0]}
+    if number == 1:
+        near |= {2 * beyond: sums[2][1]}
+    codes = [sums[1][0]] * design.places
+    biases = [int(rng.integers(16, 40))] * design.places
+    for behind, shown in near.items():
+        place = (start + behind) % design.places
+        codes[place], biases[place] = shown, 0
+    return stream.case(
+        name, codes, activity=activity, place_bias=biases,
+        place_activity=[int(rng.integers(-10, 10))] * design.places,
+    )  # fmt: skip
+
+
+def _halts(name: str, design: Design, vary: Vary, rng: np.random.Generator, drawn: int) -> Case:
+    """Draw windows with few events, and the next place in one at their threshold.
+
+    Whether the robot stands decides what the step costs. The window before has 1/8 weight.
+    """
+    design = _roomy(design, vary)
+    activity = mean = _with_log(int(rng.integers(80, 90))) << ACTIVITY_FRACTION_BITS
+    pixels, stream = rng.permutation(design.slots).tolist(), Stream(design)
+    for surplus in (0, -60, -60, -54, (-49, -48)[drawn % 2]):
+        of_mean = activity if design.gains > 1 else mean
+        number = _with_log(ilog(of_mean >> ACTIVITY_FRACTION_BITS) + 40 + surplus)
+        stream.fill(_evenly(number, pixels[4:8] if -50 < surplus < 0 else pixels[:4], design))
+        mean = mean_activity_after(mean, number)
+    stream.close()
+    shown = stream.shown_codes(None)
+    codes = [_far_from(shown[0], design)] * design.places
+    place = int(rng.integers(design.places - 1))
+    codes[place], codes[place + 1] = shown[0], shown[-1]
+    # places so busy that few events are no pause
+    own = 40 - min(gains_of(design.gains))
+    return stream.case(name, codes, activity=activity, place_activity=[own] * design.places)
+
+
+def _speeds(name: str, design: Design, vary: Vary, rng: np.random.Generator, drawn: int) -> Case:
+    """Draw a mean speed that is as it begins, then large, then slow to move.
+
+    A pause and a window with few events leave it. Many events raise it, fewer let it fall, until 63
+    windows have moved it.
+    """
+    design = _roomy(design, vary)
+    pixels, busy = rng.permutation(design.slots).tolist(), int(rng.integers(4, 9))
+    groups, log = cycle((pixels[:busy], pixels[busy : 2 * busy])), ilog(17)
+    surpluses = [-41, -15, 90, *[-12] * 3, *[0] * 60, *[40] * 6]
+    stream = Stream(design)
+    for surplus in surpluses:
+        stream.fill(_evenly(_with_log(log + surplus), next(groups), design))
+    stream.close()
+    activity = 17 << ACTIVITY_FRACTION_BITS
+    seen = _codes_of_sums(stream, activity)
+    codes = [_far_from(seen[1][0], design)] * design.places
+    # the first place is the best after the pause: for it, the next window has few events
+    own = [70, *rng.integers(-8, 8, design.places - 1).tolist()]
+    for shown in (*seen[1][:2], *seen[-1][:2]):
+        codes[int(rng.integers(1, design.places))] = shown
+    return stream.case(name, codes, activity=activity, place_activity=own)
+
+
+def _bursts(name: str, design: Design, vary: Vary, rng: np.random.Generator, drawn: int) -> Case:
+    """Draw a window with hundreds of times the mean number of events, along very busy places.
+
+    It has more events than 16 bits can count, if counters have room for them. Its path goes on by
+    the largest step, for the costs of a row of which its activity is the least.
+    """
+    design = _roomy(design, vary)
+    own, apart, busy = 127, design.places_per_window, int(0x10000 * 2 ** (2 / PARTS))
+    log = ilog(busy if design.slots * design.count_max > busy else 600)
+    mean = _with_log(log - own - 4)
+    pixels, stream = rng.permutation(design.slots).tolist(), Stream(design)
+    stream.fill(_evenly(mean, pixels[:8], design))
+    stream.fill(_evenly(_with_log(log), pixels, design))
+    stream.close()
+    first, last = stream.shown_codes(None)
+    codes, step = [_far_from(last, design)] * design.places, len(BANK_COSTS[apart][0]) - 1
+    place = int(rng.integers(design.places - step))
+    codes[place], codes[place + step] = first, last
+    return stream.case(
+        name, codes, activity=mean << ACTIVITY_FRACTION_BITS,
+        place_activity=[own] * design.places,
+    )  # fmt: skip
+
+
+#: kinds for rare paths and thresholds
+_ROOMY_KINDS: dict[str, Draw] = {
+    "leaps": _leaps,
+    "halts": _halts,
+    "speeds": _speeds,
+    "bursts": _bursts,
+}
 _KINDS: dict[str, Draw] = {
+    **_ROOMY_KINDS,
     "drive": _drive,
     "numbers": _numbers,
     "sums": _sums,
@@ -789,7 +920,6 @@ _KINDS: dict[str, Draw] = {
     "long": _long,
     "pauses": _pauses,
     "loud": _loud,
-    "busy": _busy,
     "large_means": _large_means,
     "halves": _halves,
     "clear": _clear,
@@ -801,20 +931,27 @@ _KINDS: dict[str, Draw] = {
     "half": _half,
     "runs": _runs,
 }
-_OF_PATHS = {"change_by_several_decides", "changes_before_restart_decide"}
 #: kinds that are made for some facts alone
 _AIMED: dict[str, set[str]] = {
+    "leaps": {"changes_before_restart_decide", "change_by_five_decides"},
+    "halts": {
+        "few_at_threshold", "enough_at_threshold", "evidence_limit_decides",
+        "large_evidence_decides",
+    },
+    "speeds": {"first_speed_decides", "large_speed_decides", "slowness_decides"},
+    "bursts": {"large_activity_decides", "events_decide"},
     "logarithm": set(LOGARITHMS),
-    "sums": {name for name in SEVERAL_GAINS if name.endswith(("decide", "decides"))} - _OF_PATHS,
-    "paths": _OF_PATHS,
-    "many": {"ties_above_4095", "all_places_tie"},
+    "sums": {
+        "change_up_decides", "change_down_decides", "change_by_one_decides", "forgetting_decides",
+    },
+    "paths": {"change_by_several_decides", "low_gains_decide"},
+    "many": {"ties_above_4095", "all_places_tie", "spread_of_nothing"},
     "long": {
         "speed_saturated",
         "last_shift_stays",
         *(name for name in CONTRAST if name.startswith("mean_shift_")),
     },
     "pauses": {"silence_of_nothing", "silence_decides", "decay_decides"},
-    "busy": {"events_decide"},
     "large_means": OF_MEANS,
     "halves": {"mean_of_a_half"},
     "clear": {"trust_above_255"},
@@ -825,4 +962,4 @@ _AIMED: dict[str, set[str]] = {
     "numbered": {"window_above_4095"},
     "half": {"half_a_period_late"},
     "runs": OF_SEQUENCES | {name for name in BITS if name.startswith(("sum", "left"))},
-}
+}  # fmt: skip

@@ -213,6 +213,27 @@ def test_sequences_have_a_suite_of_their_own(window, code):
     assert ("half_a_period_late" in reached) == (window == "time")
 
 
+@pytest.mark.parametrize("seed", range(2))
+def test_cases_made_for_rare_facts_show_them_in_a_map_of_default_settings(seed, monkeypatch):
+    """A device that follows fewer gains in a window, for one, passes all other cases."""
+    design = replace(
+        FILTER, width=128, height=128, pixels=150, places=298, places_per_window=2, gains=7,
+        exclusion=6, lookup_depth=0,
+    )  # fmt: skip
+    wanted = set().union(*map(filter_suite._AIMED.get, filter_suite._ROOMY_KINDS))
+    assert wanted <= own_facts(design)
+    left = set(wanted)
+    monkeypatch.setattr(filter_suite, "own_facts", lambda _: left)
+    assert 0 < len(filter_suite.own_cases(design, seed)) <= 7
+    assert not left
+
+
+def test_to_restart_in_a_pause_is_a_fact_where_to_stay_costs_more():
+    for places, restart in product((1, 2), range(31)):
+        design = replace(FILTER, places_per_window=places, restart=restart)
+        assert ("pause_restarted" in own_facts(design)) == (restart <= (7, 12)[places - 1])
+
+
 def test_a_fact_that_no_case_shows_fails_the_build(monkeypatch):
     monkeypatch.setattr(filter_suite, "facts_for", lambda _: {"first_window", "never"})
     monkeypatch.setattr(filter_suite, "MOST_DRAWS", 1)
