@@ -337,7 +337,9 @@ def test_all_forms_of_a_memory_hold_the_same(vectors):
 def test_states_of_a_case_are_those_that_its_matches_come_from(tmp_path, gains):
     """Margin, trust and least metric as in the matches, the rest by the rules of the page."""
     design = replace(DESIGN, matching="filter", length=1, code="contrast", gains=gains)
-    of_kinds = "busy", "clear", "drive", "loud", "numbers", "quiet", "sums", "times"
+    of_kinds = (
+        "bursts", "clear", "drive", "halts", "loud", "numbers", "quiet", "speeds", "sums", "times",
+    )  # fmt: skip
     chosen = [case for case in filter_cases(design) if case.name.startswith(of_kinds)]
     write_suites(tmp_path / "v", design, {"filter": chosen}, 0)
     kinds = set()
@@ -348,8 +350,7 @@ def test_states_of_a_case_are_those_that_its_matches_come_from(tmp_path, gains):
             with (folder / f"expected_{name}.csv").open(encoding="ascii") as file:
                 lines = csv.DictReader(file)
                 rows[name] = [{k: int(v) for k, v in row.items()} for row in lines]
-        least = 3 if case.name.startswith("busy") else 5
-        assert len(rows["states"]) == len(rows["matches"]) > least
+        assert len(rows["states"]) == len(rows["matches"]) > 1
         several, activity = case.design.gains > 1, case.memories.activity
         own, before = -1, None
         for state, match in zip(rows["states"], rows["matches"], strict=True):
