@@ -7,6 +7,7 @@ import os
 import pty
 import resource
 from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, contextmanager
 from pathlib import Path
 
 import pytest
@@ -78,11 +79,22 @@ def any_baud() -> None:
 
 
 @pytest.fixture
-def files_end_at() -> Iterator[Callable[[int], None]]:
-    """Set the largest size of a file, beyond which a write fails as on a full disk."""
-    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
-    yield lambda size: resource.setrlimit(resource.RLIMIT_FSIZE, (size, hard))
-    resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+def files_end_at() -> Callable[[int], AbstractContextManager[None]]:
+    """Set the largest size of a file in a block: a write beyond it fails as on a full disk.
+
+    The log of the tests is a file too, and may be larger when their results are written.
+    """
+
+    @contextmanager
+    def files_end_at(size: int) -> Iterator[None]:
+        soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+        resource.setrlimit(resource.RLIMIT_FSIZE, (size, hard))
+        try:
+            yield
+        finally:
+            resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+
+    return files_end_at
 
 
 @pytest.fixture

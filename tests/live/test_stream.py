@@ -512,8 +512,8 @@ def test_a_disk_that_fills_under_a_recording_ends_it_and_not_the_run(
     suffix, drive, sent, tmp_path, streamed, files_end_at
 ):
     target = tmp_path / f"events{suffix}"
-    files_end_at(50_000)
-    told = streamed("--port", sent, "--map", drive / "map.npz", "--record", target, code=1)
+    with files_end_at(50_000):
+        told = streamed("--port", sent, "--map", drive / "map.npz", "--record", target, code=1)
     assert f"{target} cannot be written: " in told.out
     assert "File too large" in told.out and "going on without it" in told.out
     assert "40,000 events in" in told.out

@@ -408,8 +408,7 @@ def test_a_full_disk_is_one_line_and_leaves_nothing(suffix, size, tmp_path, file
             yield events
 
     path, source = tmp_path / f"a{suffix}", drive()
-    files_end_at(size)
-    with pytest.raises(RecordingError) as raised:
+    with files_end_at(size), pytest.raises(RecordingError) as raised:
         write_recording(path, source, sensor=SENSOR)
     message = str(raised.value)
     assert message.startswith(f"{path} cannot be written: ") and "File too large" in message
