@@ -101,7 +101,7 @@ def _kinds_of(design: Design) -> list[str]:
     if design.window == "count":
         return by_count
     if design.filters:
-        roomy = min(design.places, design.slots) >= 24
+        roomy = min(design.places, design.slots) > 8
         return [kind for kind in _KINDS if roomy or kind not in _ROOMY_KINDS]
     return by_time if design.contrast else by_time[:-4]
 
@@ -787,9 +787,9 @@ def _with_log(log: int) -> int:
     return bisect_left(range(EVENTS_TOP), log, key=ilog)
 
 
-def _far_from(codes: Codes, design: Design) -> Codes:
+def _far_from(codes: Codes, design: Design, most: int = 200) -> Codes:
     """Return codes that are far from these, as far as there is room."""
-    return next(far for steps in range(200, -1, -1) if (far := moved_by(design, codes, steps)))
+    return next(far for steps in range(most, -1, -1) if (far := moved_by(design, codes, steps)))
 
 
 def _leaps(name: str, design: Design, vary: Vary, rng: np.random.Generator, drawn: int) -> Case:
@@ -844,7 +844,10 @@ def _halts(name: str, design: Design, vary: Vary, rng: np.random.Generator, draw
         mean = mean_activity_after(mean, number)
     stream.close()
     shown = stream.shown_codes(None)
-    codes = [_far_from(shown[0], design)] * design.places
+    apart = sum(abs(a - b) for a, b in zip(shown[0], shown[-1], strict=True))
+    # in a map of few places, what is between both spreads less
+    most = (200, apart // 2)[drawn // 2 % 2]
+    codes = [_far_from(shown[0], design, most)] * design.places
     place = int(rng.integers(design.places - 1))
     codes[place], codes[place + 1] = shown[0], shown[-1]
     # places so busy that few events are no pause
@@ -900,7 +903,7 @@ def _bursts(name: str, design: Design, vary: Vary, rng: np.random.Generator, dra
     )  # fmt: skip
 
 
-#: kinds for rare paths and thresholds
+#: kinds for rare paths and thresholds, which need some pixels and places
 _ROOMY_KINDS: dict[str, Draw] = {
     "leaps": _leaps,
     "halts": _halts,
