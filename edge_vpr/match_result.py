@@ -463,7 +463,7 @@ class MatchResult:
         >>> table = result.to_frame(result.evaluate((monday, tuesday), 70))  # doctest: +SKIP
         >>> table.groupby("correct")["probability"].mean()  # doctest: +SKIP
         """
-        table = self.matches.to_frame(self.reference.route)
+        table = self.matches.to_frame(self._where)
         if evaluation is not None:
             self._check_evaluation(evaluation)
             correct = evaluation.correct.astype(object)
@@ -474,17 +474,17 @@ class MatchResult:
         return table
 
     @property
+    def _where(self) -> dict[str, npt.NDArray[np.float64]]:
+        within = self.matches.settings.exclusion_places
+        return self.reference.where(self.matches.place, within)
+
+    @property
     def along_m(self) -> npt.NDArray[np.float64]:
         """Metres along the route to each matched place, shape (n,); NaN where not known.
 
         By the track of the map, else by its odometry.
         """
-        route, driven = self.reference.route, self.reference.along_mm
-        if route is not None:
-            return route.along_m[self.matches.place]
-        if driven is not None:
-            return driven[self.matches.place] / 1e3
-        return np.full(len(self), np.nan)
+        return self._where.get("along_m", np.full(len(self), np.nan))
 
     @property
     def position(self) -> npt.NDArray[np.float64] | None:
@@ -604,7 +604,7 @@ class MatchResult:
         # a map that was read is linked
         self.reference.save(folder / MAP, others=inputs)
         self.matches.save(folder / MATCHES)
-        write_csv(folder / MATCHES_CSV, self.matches, self.reference.route)
+        write_csv(folder / MATCHES_CSV, self.matches, self._where)
         for name, windows in ((QUERIES, self.queries), (WINDOWS, self.windows)):
             if windows is not None:
                 write_archive(folder / name, QUERIES_KIND, windows.to_arrays(), {})

@@ -33,7 +33,7 @@ from edge_vpr.errors import MapError, UsageError, expect
 from edge_vpr.events import Sensor, SensorSize
 from edge_vpr.odometry import MOST_MM, check_distance_driven
 from edge_vpr.recordings.reading import Camera
-from edge_vpr.route import Route, length_m
+from edge_vpr.route import Route, along_columns, length_m
 from edge_vpr.settings import MatchingChanges, Preset, SettingChanges, Settings
 from fixedpoint.formats import packed_bytes
 from fixedpoint.own_mean import FULL_SCALE, ContrastCode
@@ -404,7 +404,10 @@ class ReferenceMap(EqualByValue):
 
     def info(self) -> MapInfo:
         """Return what the map holds; ``print(route.info())`` shows it as ``edge-vpr info`` does."""
-        windows, route = self.windows, self.route
+        windows, route, driven = self.windows, self.route, self.along_mm
+        along_m = None if driven is None else driven / 1e3
+        if route is not None:
+            along_m = route.along_m
         return MapInfo(
             sensor=str(self.pixel_map.sensor),
             places=len(self),
@@ -415,7 +418,7 @@ class ReferenceMap(EqualByValue):
             window_us=windows.window_us,
             window_parts=self.settings.window_parts,
             places_with_position=0 if route is None else int(np.isfinite(route.along_m).sum()),
-            route_m=None if route is None else length_m(route.along_m, self.settings.window_parts),
+            route_m=None if along_m is None else length_m(along_m, self.settings.window_parts),
             settings=self.settings.to_dict(),
         )
 
@@ -458,6 +461,31 @@ class ReferenceMap(EqualByValue):
         placed = np.flatnonzero(np.isfinite(along_m))
         along_m = np.interp(np.arange(len(along_m)), placed, along_m[placed])
         return None if along_m[-1] * 1e3 > MOST_MM else np.rint(along_m * 1e3).astype(np.int64)
+
+    def where(
+        self, place: npt.NDArray[np.integer], within: int
+    ) -> dict[str, npt.NDArray[np.float64]]:
+        """Return where matched places are, as columns of a table of matches by name, in order.
+
+        By the track of the map, else by its odometry; without either, there is no column.
+
+        Parameters
+        ----------
+        place : ndarray of int, shape (n,)
+            Index of the matched place, for each match.
+        within : int
+            See `Route.locate`: the exclusion zone's places.
+
+        Returns
+        -------
+        dict of str to ndarray of float64, shape (n,)
+            The coordinates of a track, metres along the route, and the interval around it; NaN
+            where not known.
+        """
+        route, driven = self.route, self.along_mm
+        if route is not None:
+            return route.columns(place, within)
+        return {} if driven is None else along_columns(driven / 1e3, place, within)
 
     @property
     def acceptance(self) -> Acceptance:
@@ -605,7 +633,7 @@ class MapInfo:
     window_us: int  #: Length of a window; the median, if windows are of a number of events.
     window_parts: int  #: Places that begin in a window.
     places_with_position: int
-    #: Length of the route, to the end of its last window, if the map has positions.
+    #: Length of the route, to the end of its last window, if the map has positions or odometry.
     route_m: float | None
     settings: dict[str, Any]
 
@@ -613,8 +641,10 @@ class MapInfo:
     def lines(self) -> dict[str, str]:
         """Lines of text by their headings."""
         positions = "none"
-        if self.route_m is not None:
+        if self.route_m is not None and self.places_with_position:
             positions = f"{self.places_with_position:,} places, along {self.route_m:,.0f} m"
+        elif self.route_m is not None:
+            positions = f"none; {self.route_m:,.0f} m by odometry"
         return {
             "sensor": self.sensor,
             "places": f"{self.places:,}",

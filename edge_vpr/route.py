@@ -55,6 +55,42 @@ def length_m(along_m: npt.NDArray[np.float64], window_parts: int) -> float:
     return float(last[0] + (1 + window_parts / 2) * (last[1] - last[0]))
 
 
+def intervals(
+    along_m: npt.NDArray[np.float64], place: npt.NDArray[np.integer], within: int
+) -> tuple[npt.NDArray[np.float64], ...]:
+    """Return the metres to matched places, and to the ends of the interval around each.
+
+    Parameters
+    ----------
+    along_m : ndarray of float64, shape (K,)
+        Metres to the middle of each place, rising; NaN where not known.
+    place : ndarray of int, shape (n,)
+        Index of the matched place, for each match.
+    within : int
+        See `Route.locate`.
+
+    Returns
+    -------
+    along_m, from_m, to_m : ndarray of float64, shape (n,)
+        See `Located`.
+    """
+    before = np.fmin.accumulate(along_m[::-1])[::-1]  # at or after each place
+    after = np.fmax.accumulate(along_m)
+    first = np.maximum(place - within, 0)
+    last = np.minimum(place + within, len(along_m) - 1)
+    placed_before = np.concatenate([[0], np.cumsum(np.isfinite(along_m))])
+    nothing = placed_before[last + 1] == placed_before[first]
+    ends = (np.where(nothing, np.nan, end) for end in (before[first], after[last]))
+    return along_m[place], *ends
+
+
+def along_columns(
+    along_m: npt.NDArray[np.float64], place: npt.NDArray[np.integer], within: int
+) -> dict[str, npt.NDArray[np.float64]]:
+    """Return the result of `intervals` as columns of a table of matches, by name, in order."""
+    return dict(zip(ALONG, intervals(along_m, place, within), strict=True))
+
+
 @dataclass(frozen=True, eq=False)
 class Route(EqualByValue):
     """Positions of the K places of a map."""
@@ -134,19 +170,7 @@ class Route(EqualByValue):
             With the exclusion zone's, the probability of a match is that of the true position
             lying in the interval: the trust compares the place with those outside it.
         """
-        before = np.fmin.accumulate(self.along_m[::-1])[::-1]  # at or after each place
-        after = np.fmax.accumulate(self.along_m)
-        first = np.maximum(place - within, 0)
-        last = np.minimum(place + within, len(self.along_m) - 1)
-        from_m, to_m = before[first], after[last]
-        placed_before = np.concatenate([[0], np.cumsum(np.isfinite(self.along_m))])
-        nothing = placed_before[last + 1] == placed_before[first]
-        return Located(
-            self.position[place],
-            self.along_m[place],
-            np.where(nothing, np.nan, from_m),
-            np.where(nothing, np.nan, to_m),
-        )
+        return Located(self.position[place], *intervals(self.along_m, place, within))
 
     def columns(
         self, place: npt.NDArray[np.integer], within: int
@@ -160,9 +184,8 @@ class Route(EqualByValue):
         within : int
             See `locate`.
         """
-        located = self.locate(place, within)
-        columns = (*located.position.T, located.along_m, located.from_m, located.to_m)
-        return dict(zip((*self.coordinates, *ALONG), columns, strict=True))
+        position = dict(zip(self.coordinates, self.position[place].T, strict=True))
+        return position | along_columns(self.along_m, place, within)
 
     def to_arrays(self) -> dict[str, npt.NDArray[Any]]:
         """Return the arrays by name, for an archive; the inverse of `from_arrays`."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -15,12 +16,15 @@ from edge_vpr.archive import EqualByValue, archive_errors, read_archive, write_a
 from edge_vpr.confidence import net_trust
 from edge_vpr.errors import expect, import_extra
 from edge_vpr.files import replacing
-from edge_vpr.route import ALONG, Route
+from edge_vpr.route import ALONG
 from edge_vpr.settings import Settings
 
 if TYPE_CHECKING:
     import pandas
 
+
+#: columns that say where the matched places are
+Where = Mapping[str, npt.NDArray[np.float64]]
 
 # The matches of a query traverse: best and second-best place of each query window.
 
@@ -186,13 +190,13 @@ class Matches(EqualByValue):
                 **{name: arrays[name] for name in _COLUMNS},
             )
 
-    def to_frame(self, route: Route | None = None) -> pandas.DataFrame:
+    def to_frame(self, where: Where | None = None) -> pandas.DataFrame:
         """Return a pandas table with one row for each match.
 
         Parameters
         ----------
-        route : Route, optional
-            Route of the map: adds the coordinates of the matched place, and metres along the route.
+        where : mapping of str to ndarray, optional
+            Where the matched places are, see `ReferenceMap.where`; they are added.
 
         Returns
         -------
@@ -207,9 +211,7 @@ class Matches(EqualByValue):
         """
         library = import_extra("pandas", "a table of matches", "pandas", "pandas")
         columns = {name: getattr(self, name) for name in (*TABLE, "margin", "ties")}
-        if route is not None:
-            columns |= route.columns(self.place, self.settings.exclusion_places)
-        table: pandas.DataFrame = library.DataFrame(columns)
+        table: pandas.DataFrame = library.DataFrame({**columns, **(where or {})})
         return table
 
 
@@ -230,7 +232,7 @@ _SHARED = (
 # The table of matches as CSV.
 
 
-def write_csv(path: str | Path, matches: Matches, route: Route | None = None) -> None:
+def write_csv(path: str | Path, matches: Matches, where: Where) -> None:
     """Write matches as CSV, one line per match, atomically.
 
     Parameters
@@ -238,13 +240,11 @@ def write_csv(path: str | Path, matches: Matches, route: Route | None = None) ->
     matches : Matches
         A field is empty if there is no second place, if the misfit or probability is unknown, and
         in ``lost`` if no precision is required.
-    route : Route, optional
-        Adds the coordinates of the matched place, metres along the route, and the interval of the
-        exclusion zone around it; empty where the position is unknown.
+    where : mapping of str to ndarray
+        Where the matched places are, see `ReferenceMap.where`; empty where that is not known.
     """
-    settings = matches.settings
-    where = {} if route is None else route.columns(matches.place, settings.exclusion_places)
-    lost = [""] * len(matches) if settings.precision is None else matches.lost.astype(int).tolist()
+    rejects = matches.settings.precision is not None
+    lost = matches.lost.astype(int).tolist() if rejects else [""] * len(matches)
     columns = [
         matches.query.tolist(), _texts(matches.time_s, "{:.6f}"), matches.place.tolist(),
         _texts(matches.distance, "{:.6g}"), _known(matches.second),

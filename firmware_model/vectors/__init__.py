@@ -10,6 +10,8 @@ from firmware_model.vectors.manifest import Manifest, check_files, load_manifest
 from firmware_model.vectors.random_cases import random_cases
 from firmware_model.vectors.suite import (
     AIMED,
+    FLASH_BYTES,
+    FLASHED,
     cases_within,
     estimated_bytes,
     standard_suites,
@@ -21,6 +23,8 @@ __all__ = [
     "AIMED",
     "CORNERS",
     "FILTER_CORNERS",
+    "FLASHED",
+    "FLASH_BYTES",
     "Case",
     "Manifest",
     "Returned",

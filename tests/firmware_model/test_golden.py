@@ -689,6 +689,20 @@ def test_a_recording_is_limited_in_windows(recorded, tmp_path, run):
     assert "of --max-windows 60: the drive is shorter" in said
 
 
+def test_a_recording_that_fits_no_flash_is_told(recorded, tmp_path, run, monkeypatch):
+    made, query = recorded
+    golden = ["golden", "--map", made, "--recording", query, "--suite", "recording"]
+    run(*golden, "-o", tmp_path / "v")
+    drive = tmp_path / "v/recording/drive"
+    size = sum((drive / f"{each}.bin").stat().st_size for each in ("image", "events", "expected"))
+    assert (drive / "case.h").exists()
+    for module in ("firmware_model.vectors", "firmware_model.vectors.suite"):
+        monkeypatch.setattr(f"{module}.FLASH_BYTES", size - 1)
+    said = run(*golden, "-o", tmp_path / "w").err
+    assert f"no case.h: its image, events and records take {size >> 10} KiB" in said
+    assert not (tmp_path / "w/recording/drive/case.h").exists()
+
+
 @pytest.mark.parametrize(
     ("sensor", "duration_us", "flags", "code", "says"),
     [

@@ -548,6 +548,16 @@ def test_a_quiet_run_prints_nothing_and_writes_what_it_should(sent, drive, tmp_p
     assert rows_of(log, "match")
 
 
+def test_a_map_of_few_places_is_told_when_it_is_made_and_used(sent, tmp_path, streamed):
+    output = tmp_path / "map.npz"
+    words = ["--port", sent, "--sensor", "64x48", "--learn", "-o", output, "--pixels", 20]
+    made = streamed(*words, "--sigma", 1, "--tau", "100ms").err
+    places = len(ReferenceMap.load(output))
+    assert places < 50
+    for said in (made, streamed("--port", sent, "--map", output).err):
+        assert f"{output} has {places} places: with fewer than 50, probabilities are" in said
+
+
 def test_json_rows_have_the_position_of_a_map_with_a_track(sent, tmp_path, streamed, reference):
     """That of the robot at `time_s`, where the map knows it."""
     along = np.where(np.arange(len(reference)) % 9 == 3, np.nan, np.arange(len(reference)) * 2.5)

@@ -24,6 +24,7 @@ from edge_vpr.live.protocols import open_encoder
 from edge_vpr.live.session import LiveSession
 from edge_vpr.matching.match import MATCH_DTYPE
 from edge_vpr.matching.matches import TABLE
+from edge_vpr.route import ALONG
 from edge_vpr.simulation import simulate_pair
 from firmware_model.design import Design
 from firmware_model.errors import DesignError
@@ -389,6 +390,25 @@ def test_odometry_is_read_from_the_tracks_that_simulate_writes(tmp_path, run):
     made = ev.ReferenceMap.load(tmp_path / "map.npz")
     expected = ev.load_track(track).at(made.places.centre_us)[:, 0]
     assert np.abs(made.odometer_mm / 1e3 - expected).max() < 0.002
+
+
+def test_a_map_of_odometry_alone_says_how_far_its_matches_are(folder, tmp_path):
+    pytest.importorskip("pandas", reason="pandas is an extra")
+    odometry = ev.load_odometry(folder / "monday.csv")
+    made = ev.ReferenceMap.build(folder / "monday.npz", odometry=odometry, **SMALL)
+    result = made.match(folder / "tuesday.npz")
+    result.save(tmp_path / "results")
+    with (tmp_path / "results/matches.csv").open(newline="") as file:
+        rows = list(csv.DictReader(file))
+    assert list(rows[0]) == [*TABLE, *ALONG]
+    driven, within = made.odometer_mm / 1e3, made.settings.exclusion_places
+    for row, metres in zip(rows, result.along_m, strict=True):
+        place = int(row["place"])
+        ends = driven[max(place - within, 0)], driven[min(place + within, len(made) - 1)]
+        assert [row[name] for name in ALONG] == [f"{at:.2f}" for at in (driven[place], *ends)]
+        assert metres == driven[place]
+    assert result.to_frame()["along_m"].tolist() == result.along_m.tolist()
+    assert made.info().lines["positions"] == f"none; {made.info().route_m:,.0f} m by odometry"
 
 
 def test_the_period_of_frames_is_kept_in_the_map(tmp_path, run, refused):

@@ -198,7 +198,7 @@ def warn_of_few_places(path: str | Path, reference: ReferenceMap) -> None:
     if len(reference) < _FEW_PLACES and settings.matching == "filter" and not reference.confidence:
         warning(
             f"{path} has {len(reference)} places: with fewer than {_FEW_PLACES}, probabilities are "
-            "too high, and --precision accepts wrong matches; map a longer drive, or calibrate"
+            "too high, and --precision accepts wrong matches; map a longer drive"
         )
 
 

@@ -73,7 +73,13 @@ def run(args: argparse.Namespace) -> None:
         vectors_size,
     )
     from firmware_model import Design
-    from firmware_model.vectors import cases_within, estimated_bytes, write_suites
+    from firmware_model.vectors import (
+        FLASH_BYTES,
+        FLASHED,
+        cases_within,
+        estimated_bytes,
+        write_suites,
+    )
 
     if args.recording is not None and args.map is None:
         raise UsageError("--recording needs a map: name it with --map")
@@ -113,14 +119,19 @@ def run(args: argparse.Namespace) -> None:
             f"--vectors {args.vectors} leaves cases out: {each}; "
             f"--vectors {math.ceil(size / 1e6)}MB keeps all"
         )
-    windows = next(
-        (suite.cases[0].windows for suite in manifest.suites if suite.name == "recording"), None
-    )
-    if windows is not None and windows < args.max_windows:
-        note(
-            f"the recording's case has {windows} of --max-windows {args.max_windows}: the drive is "
-            "shorter"
-        )
+    for case in (suite.cases[0] for suite in manifest.suites if suite.name == "recording"):
+        if case.windows < args.max_windows:
+            note(
+                f"the recording's case has {case.windows} of --max-windows {args.max_windows}: the "
+                "drive is shorter"
+            )
+        size = sum(case.files[name].bytes for name in FLASHED if name in case.files)
+        if size > FLASH_BYTES:
+            note(
+                f"the recording's case has no case.h: its image, events and records take "
+                f"{size >> 10:,} KiB, and the example's flash has {FLASH_BYTES >> 10}: give fewer "
+                "--max-windows"
+            )
     for suite in manifest.suites:
         missed = [corner for corner, number in aimed_corners(suite, design).items() if number == 0]
         if missed:

@@ -16,6 +16,7 @@ from edge_vpr_tools.console import (
     places_text,
     stopped_by_signals,
     summary,
+    warn_of_few_places,
 )
 from edge_vpr_tools.flags import (
     DEFAULT_PRESET,
@@ -182,12 +183,14 @@ def run(args: argparse.Namespace) -> None:
     )  # fmt: skip
     if session.reference is not None:
         warn_of_no_effect(args, session.reference.settings)
+        warn_of_few_places(args.map, session.reference)
     _show(args, session)
     if files.learnt is not None:
         learnt, update = files.learnt, files.update
         pixels = len(learnt.pixel_map)
         text = f"{printable(args.output)}: {places_text(learnt)} at {pixels} pixels"
         summary(text if update is None else f"{text}; {update}")
+        warn_of_few_places(args.output, learnt)
 
 
 def _show(args: argparse.Namespace, session: LiveSession) -> None:

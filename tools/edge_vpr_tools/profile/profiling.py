@@ -185,8 +185,6 @@ def with_meter(path: Path, meter: Path, stated: Stated) -> Profile:
     windows = energy.windows  # an earlier trace leaves them, to be computed again
     if not windows:
         raise UsageError(f"{path} took no turns for a meter: make it with --meter")
-    if energy.sensor is not None:
-        note(f"replacing the energy that {energy.sensor.name} measured")
     with parse_errors(path, "the turns of a profile", "make it again with edge-vpr profile"):
         check_turns(windows)
     trace = read_meter(meter, stated)
@@ -205,6 +203,8 @@ def with_meter(path: Path, meter: Path, stated: Stated) -> Profile:
         measured = analyse(Trace.of_power(time_s, trace.watts), windows, about)
     except SensorError as error:
         raise UsageError(f"{meter}: {error}") from None
+    if energy.sensor is not None:
+        note(f"replacing the energy that {energy.sensor.name} measured")
     return replace(
         profile,
         energy=replace(
