@@ -41,8 +41,7 @@ def parser() -> argparse.ArgumentParser:
     made.add_argument(
         "--data",
         metavar="DIR",
-        help="folder of recorded drives: Brisbane-Event-VPR or QCR-Event-VPR under their published "
-        "names, or others (docs/laboratory.md)",
+        help="folder of the published drives, under their names: --dry-run lists them",
     )
     made.add_argument(
         "--dry-run", action="store_true",
