@@ -92,8 +92,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     track.add_argument(
         "--odometry",
         metavar="FILE",
-        help="odometry of this drive (CSV with time_s, and distance_m, position_m or speed_mps); with it, match "
-        "--odometry needs no track",
+        help="odometry of this drive (CSV with time_s, and distance_m, position_m or speed_mps); "
+        "with it, match --odometry needs no track",
     )
     parser.add_argument(
         "--pixel-map",
