@@ -463,7 +463,7 @@ class MatchResult:
         >>> table = result.to_frame(result.evaluate((monday, tuesday), 70))  # doctest: +SKIP
         >>> table.groupby("correct")["probability"].mean()  # doctest: +SKIP
         """
-        table = self.matches.to_frame(self._where)
+        table = self.matches.to_frame().assign(**self._where)
         if evaluation is not None:
             self._check_evaluation(evaluation)
             correct = evaluation.correct.astype(object)

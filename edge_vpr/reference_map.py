@@ -404,10 +404,7 @@ class ReferenceMap(EqualByValue):
 
     def info(self) -> MapInfo:
         """Return what the map holds; ``print(route.info())`` shows it as ``edge-vpr info`` does."""
-        windows, route, driven = self.windows, self.route, self.along_mm
-        along_m = None if driven is None else driven / 1e3
-        if route is not None:
-            along_m = route.along_m
+        windows, route, along_m = self.windows, self.route, self.along_m
         return MapInfo(
             sensor=str(self.pixel_map.sensor),
             places=len(self),
@@ -462,6 +459,16 @@ class ReferenceMap(EqualByValue):
         along_m = np.interp(np.arange(len(along_m)), placed, along_m[placed])
         return None if along_m[-1] * 1e3 > MOST_MM else np.rint(along_m * 1e3).astype(np.int64)
 
+    @property
+    def along_m(self) -> npt.NDArray[np.float64] | None:
+        """Metres along the route to each place, shape (K,), by the track or else by odometry.
+
+        NaN at places that the track did not cover. None if the map has neither.
+        """
+        if self.route is not None:
+            return self.route.along_m
+        return None if self.odometer_mm is None else self.odometer_mm / 1e3
+
     def where(
         self, place: npt.NDArray[np.integer], within: int
     ) -> dict[str, npt.NDArray[np.float64]]:
@@ -482,10 +489,9 @@ class ReferenceMap(EqualByValue):
             The coordinates of a track, metres along the route, and the interval around it; NaN
             where not known.
         """
-        route, driven = self.route, self.along_mm
-        if route is not None:
-            return route.columns(place, within)
-        return {} if driven is None else along_columns(driven / 1e3, place, within)
+        if self.route is not None:
+            return self.route.columns(place, within)
+        return {} if self.along_m is None else along_columns(self.along_m, place, within)
 
     @property
     def acceptance(self) -> Acceptance:

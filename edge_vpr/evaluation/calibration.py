@@ -11,8 +11,8 @@ import numpy.typing as npt
 from edge_vpr.confidence import Confidence
 from edge_vpr.errors import UsageError
 
-#: each step holds at least this part, 1/256, of all matches, unless its block holds fewer
-FINEST_PART = 256
+#: each step holds at least one in so many of all matches, unless its block holds fewer
+ONE_IN = 256
 #: bins of the reliability diagram and of the expected calibration error
 BINS = 10
 
@@ -95,7 +95,7 @@ def _finer(
 
     A step within a block has the block's probability. It lets a threshold lie within the block.
     """
-    least = max(int(matches.sum()) // FINEST_PART, 1)
+    least = max(int(matches.sum()) // ONE_IN, 1)
     kept, held = [], 0
     for i, starts in enumerate(np.isin(levels, first).tolist()):
         if starts or held >= least:

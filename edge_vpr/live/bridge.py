@@ -61,13 +61,14 @@ class VirtualLink(DescriptorLink):
         """Return whether a host has configured the terminal, as hosts do with a serial port."""
         return termios.tcgetattr(self._slave) != self._as_made
 
-    def drain(self, timeout: float) -> None:
+    def drain(self, timeout: float) -> bool:
         """Wait until the host has read everything, because closing a terminal discards the rest."""
         end, quiet = time.monotonic() + timeout, 0
         while time.monotonic() < end and quiet < 3:
             waiting = fcntl.ioctl(self._slave, termios.FIONREAD, b"\0\0\0\0")
             quiet = 0 if any(waiting) else quiet + 1
             time.sleep(0.02)
+        return quiet == 3
 
     def close(self) -> None:
         """See `Link.close`."""
@@ -101,15 +102,16 @@ class TcpServerLink(Link):
         host = self.accepted(timeout)
         return host.write(data, timeout) if host else 0
 
-    def drain(self, timeout: float) -> None:
+    def drain(self, timeout: float) -> bool:
         """Wait until the host hangs up: closing with unread bytes of the host discards the rest."""
-        if self._host is None:
-            return
         end = time.monotonic() + timeout
         with contextlib.suppress(LinkError):
-            self._host.end()
-            while time.monotonic() < end:
-                self._host.read(0.1)
+            if self._host is not None:
+                self._host.end()
+                while time.monotonic() < end:
+                    self._host.read(0.1)
+                return False
+        return True
 
     def close(self) -> None:
         """See `Link.close`."""
@@ -296,9 +298,16 @@ class Bridge:
             self._send(self._encoder.start(), corrupt=False)
             self._replay(recording)
             if isinstance(self._link, VirtualLink | TcpServerLink):
-                self._link.drain(1.0 if self.stopping.is_set() else 10.0)
+                self._drain(self._link)
         except LinkClosed:
             return
+
+    def _drain(self, link: VirtualLink | TcpServerLink) -> None:
+        """Wait for the host, at most 10 s, and a second after `stopping` is set."""
+        end, stopped = time.monotonic() + 10.0, False
+        while not link.drain(0.1) and time.monotonic() < end:
+            if self.stopping.is_set() and not stopped:
+                end, stopped = min(end, time.monotonic() + 1.0), True
 
     def _replay(self, recording: Iterable[Events]) -> None:
         start_s, stalled, now = time.monotonic(), self._faults.stall == 0, 0

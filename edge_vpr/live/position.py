@@ -139,15 +139,10 @@ class Locator:
     """
 
     def __init__(self, reference: ReferenceMap) -> None:
-        route, along_mm = reference.route, reference.along_mm
+        route, along = reference.route, reference.along_m
         self.names: tuple[str, ...] = () if route is None else route.coordinates
         self.route_m: float | None = None
         self._within = reference.settings.exclusion_places
-        along = None
-        if route is not None:
-            along = route.along_m
-        elif along_mm is not None:
-            along = along_mm / 1e3
         self._along = self._filled = self._heading = None
         self._columns: dict[str, list[float]] = {}
         self._wraps = route is not None and route.kind == "geographic"

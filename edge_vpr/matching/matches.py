@@ -23,9 +23,6 @@ if TYPE_CHECKING:
     import pandas
 
 
-#: columns that say where the matched places are
-Where = Mapping[str, npt.NDArray[np.float64]]
-
 # The matches of a query traverse: best and second-best place of each query window.
 
 
@@ -190,19 +187,14 @@ class Matches(EqualByValue):
                 **{name: arrays[name] for name in _COLUMNS},
             )
 
-    def to_frame(self, where: Where | None = None) -> pandas.DataFrame:
+    def to_frame(self) -> pandas.DataFrame:
         """Return a pandas table with one row for each match.
-
-        Parameters
-        ----------
-        where : mapping of str to ndarray, optional
-            Where the matched places are, see `ReferenceMap.where`; they are added.
 
         Returns
         -------
         pandas.DataFrame
             The columns of ``matches.csv`` (see docs/outputs.md), ``margin`` and ``ties``; NaN
-            where there is no second place, probability or position.
+            where there is no second place or probability.
 
         Raises
         ------
@@ -211,7 +203,7 @@ class Matches(EqualByValue):
         """
         library = import_extra("pandas", "a table of matches", "pandas", "pandas")
         columns = {name: getattr(self, name) for name in (*TABLE, "margin", "ties")}
-        table: pandas.DataFrame = library.DataFrame({**columns, **(where or {})})
+        table: pandas.DataFrame = library.DataFrame(columns)
         return table
 
 
@@ -232,7 +224,9 @@ _SHARED = (
 # The table of matches as CSV.
 
 
-def write_csv(path: str | Path, matches: Matches, where: Where) -> None:
+def write_csv(
+    path: str | Path, matches: Matches, where: Mapping[str, npt.NDArray[np.float64]]
+) -> None:
     """Write matches as CSV, one line per match, atomically.
 
     Parameters

@@ -122,8 +122,11 @@ FILTER = {
     "busy_at_threshold": "no pause, and would be one with a mean activity higher by 1/256 event",
     "scale_over_pause": "a window behind a pause that is scaled by the spread before the pause",
     **{f"weight_{n}": f"a window whose evidence has {n}/8 of its weight" for n in range(9)},
-    "few_at_threshold": "a match that would be another were few events at least 1/16 octave fewer",
-    "enough_at_threshold": "a match that would be another were few events at most 1/16 octave more",
+    **{
+        f"{which}_at_threshold": "a match that would be another were the threshold of few events "
+        f"1/16 octave {where}"
+        for which, where in (("few", "lower"), ("enough", "higher"))
+    },
     "few_forgotten": "a window that ends a row of one or two with few events",
     "standing_begins": "a window with which the robot stands",
     "standing_goes_on": "a window in which the robot still stands",
@@ -220,7 +223,7 @@ SEVERAL_GAINS = {
     "sum_returns": "a window in which a sum is looked at again",
     "forgetting_decides": "a match that would be another had a sum not been forgotten",
     "slowness_decides": "a match that would be another had the mean speed moved by 1/32 at least",
-    "first_speed_decides": "a match that would be another did the mean speed begin with an octave",
+    "first_speed_decides": "a match that would be another began the mean speed at one octave",
     "large_speed_decides": "a match that would be another had the mean speed 10 bits and a sign",
     "low_gains_decide": "a match that would be another had no low gain become the next lower one",
     **{f"speed_shift_{n}": f"a mean speed that moves by 1/{1 << n}" for n in range(7)},
@@ -754,8 +757,8 @@ class _Window:
             pairs = zip(against.reciprocals, state.reciprocals, strict=True)
             against = against._replace(reciprocals=[new or old for new, old in pairs])
         predicted = predictions(self._map, state, seen, rows, best)
-        advanced = of_model.predicted, of_model.seen, of_model.evidence
-        alike = state is self._before and (predicted, seen, against) == advanced
+        model = of_model.predicted, of_model.seen, of_model.evidence
+        alike = state is self._before and (predicted, seen, against) == model
         return of_model if alike else decide(self._map, state, seen, predicted, against)
 
     def _see(self, rule: _Rule, state: Filter) -> Seen:

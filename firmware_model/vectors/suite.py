@@ -376,9 +376,8 @@ def _write_case(folder: Path, suite: str, case: Case, number: int, rtl: bool) ->
         firmware = f"image.bin and events.bin are for it; its state takes {ram} bytes of RAM"
         if case.design.filters:
             firmware += f", {kept} of which keep distances"
-        files |= {"image.bin": flash, "events.bin": events}
+        files |= {"image.bin": flash, "image.hex": formats.intel_hex(flash), "events.bin": events}
         if sum(len(files[each]) for each in FLASHED) <= FLASH_BYTES:
-            files["image.hex"] = formats.intel_hex(flash)
             files["case.h"] = formats.case_header(
                 case.name, case.start, ram, kept, flash, events, expected
             )

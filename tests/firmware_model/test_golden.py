@@ -699,8 +699,9 @@ def test_a_recording_that_fits_no_flash_is_told(recorded, tmp_path, run, monkeyp
     for module in ("firmware_model.vectors", "firmware_model.vectors.suite"):
         monkeypatch.setattr(f"{module}.FLASH_BYTES", size - 1)
     said = run(*golden, "-o", tmp_path / "w").err
-    assert f"no case.h: its image, events and records take {size >> 10} KiB" in said
-    assert not (tmp_path / "w/recording/drive/case.h").exists()
+    assert f"with events and records {size:,}, and the flash of the example {size - 1:,}" in said
+    drive = tmp_path / "w/recording/drive"
+    assert (drive / "image.hex").exists() and not (drive / "case.h").exists()
 
 
 @pytest.mark.parametrize(

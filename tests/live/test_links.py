@@ -25,7 +25,7 @@ from edge_vpr.live.bridge import Bridge, open_device_link
 from edge_vpr.live.links import Link, LinkAbsent, LinkClosed, LinkError, SerialLink, open_link
 from edge_vpr.live.protocols import open_encoder
 from edge_vpr.live.reader import Chunk, LinkReader
-from tests.live.devices import Clock, Pipe, bytes_waiting, send_all, wait_until
+from tests.live.devices import Clock, Pipe, bytes_waiting, play, send_all, wait_until
 
 
 class Script(Link):
@@ -512,3 +512,31 @@ def test_an_adapter_that_gathers_bytes_is_told_to_send_them_at_once(monkeypatch)
     assert modes == [True]
     os.close(ours)
     os.close(theirs)
+
+
+def test_a_bridge_on_tcp_keeps_its_line_until_the_host_has_all(monkeypatch):
+    """A socket that is closed while words of the host are unread discards what it still holds."""
+    monkeypatch.setattr(Bridge, "_serve", lambda *_: None)
+    rng, spoken = np.random.default_rng(0), threading.Event()
+    times, pixels = np.sort(rng.integers(0, 10**6, 30_000)), rng.integers(0, 64, (3, 30_000))
+    events = make_events(times, pixels[0], pixels[1], pixels[2] % 2)
+
+    def pieces():
+        spoken.wait()
+        yield events
+
+    address, bridge, thread = play(pieces(), Sensor(64, 64))
+    with socket.socket() as host:
+        host.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4_096)
+        host.connect(("127.0.0.1", int(address.rpartition(":")[2])))
+        host.sendall(b"here I am")
+        wait_until(lambda: bridge.sent_bytes)  # it has read that
+        host.sendall(b"and here I stay")
+        spoken.set()
+        wait_until(lambda: bridge.sent_events == len(events))
+        thread.join(0.3)  # it would end at once
+        got = 0
+        while data := host.recv(1 << 16):
+            got += len(data)
+    thread.join()
+    assert got == bridge.sent_bytes > 100_000

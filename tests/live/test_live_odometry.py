@@ -77,8 +77,10 @@ def test_an_odometer_that_never_pauses_keeps_nothing_waiting(block, monkeypatch)
     monkeypatch.setattr("edge_vpr.live.odometer._LOOK_S", 0.0)
     calls = Counter()
     sys.setprofile(lambda _, event, __: calls.update([event]))
-    readings = {reader.look() for _ in range(20)}
-    sys.setprofile(None)
+    try:
+        readings = {reader.look() for _ in range(20)}
+    finally:
+        sys.setprofile(None)
     assert len(taken) == 40
     assert calls.total() < 100 * len(taken)
     assert readings == ({1_500} if b"1.5" in block else {None})

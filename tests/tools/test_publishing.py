@@ -235,14 +235,12 @@ def test_connections_are_bounded(running, monkeypatch):
 
 
 @pytest.mark.parametrize("asked", [b"", b"GET / HT"])
-def test_a_connection_that_asks_nothing_is_closed(asked, running, monkeypatch):
+def test_a_connection_that_asks_nothing_is_given_up(asked, running, monkeypatch):
     monkeypatch.setattr(publish._Request, "timeout", 0.1)
     ours, theirs = socket.socketpair()
-    with ours:
-        with theirs:
-            ours.sendall(asked)
-            publish._Request(theirs, ("127.0.0.1", 1), running)  # does not wait for ever
-        assert ours.recv(100) == b""
+    with ours, theirs:
+        ours.sendall(asked)
+        publish._Request(theirs, ("127.0.0.1", 1), running)  # does not wait for ever
 
 
 @pytest.mark.parametrize(

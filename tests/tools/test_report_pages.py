@@ -144,7 +144,8 @@ def test_unknown_places_are_passed_over_by_a_scale():
 
 
 def test_places_are_in_metres_where_a_track_says_them_and_else_in_seconds():
-    reference = SimpleNamespace(places=SimpleNamespace(centre_us=np.array([0, 5, 9])))
+    places = SimpleNamespace(centre_us=np.array([0, 5, 9]))
+    reference = SimpleNamespace(places=places, along_m=None)
     assert "(s)" in along_route(reference, None).label
     route = Route(np.zeros((3, 1)), np.array([0.0, 5.0, 9.0]))
     scale = along_route(reference, route)

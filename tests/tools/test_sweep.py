@@ -244,10 +244,8 @@ def test_an_error_of_a_job_is_one_line_and_a_dead_worker_ends_the_run(tmp_path):
 
 
 @pytest.mark.parametrize("whole_group", [False, True])
-def test_an_interrupt_ends_a_sweep_at_once_and_keeps_what_is_finished(
-    plan_file, tmp_path, whole_group
-):
-    """It waited for the running trials, and workers printed tracebacks on a terminal."""
+def test_an_interrupt_ends_a_sweep_and_keeps_what_is_finished(plan_file, tmp_path, whole_group):
+    """Workers printed tracebacks on a terminal."""
     plan_file.write_text(PLAN.replace("seeds = [1, 2]", "seeds = 500"))
     out = tmp_path / "out.csv"
     code = (

@@ -128,9 +128,10 @@ def run(args: argparse.Namespace) -> None:
         size = sum(case.files[name].bytes for name in FLASHED if name in case.files)
         if size > FLASH_BYTES:
             note(
-                f"the recording's case has no case.h: its image, events and records take "
-                f"{size >> 10:,} KiB, and the example's flash has {FLASH_BYTES >> 10}: give fewer "
-                "--max-windows"
+                f"the recording's case has no case.h: its image takes "
+                f"{case.files['image.bin'].bytes:,} bytes, with events and records {size:,}, and "
+                f"the flash of the example {FLASH_BYTES:,}: give fewer --max-windows, or a smaller "
+                "map"
             )
     for suite in manifest.suites:
         missed = [corner for corner, number in aimed_corners(suite, design).items() if number == 0]

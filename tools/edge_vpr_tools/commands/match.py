@@ -124,20 +124,21 @@ def run(args: argparse.Namespace) -> None:
     if args.every is not None and not args.online:
         raise UsageError("--every says when to match online: add --online, or leave it out")
     odometry = None if args.odometry is None else load_odometry(args.odometry)
-    recording = open_source(args, args.recording, reference.camera)
-    result = reference.match(
-        watched(recording, "localising" if args.online else "counting"),
-        every=(args.every or "event") if args.online else None,
-        odometry=odometry,
-        **match_flags(args),
-    )
-    queries, matches, metrics = result.queries, result.matches, result.metrics
-    settings = matches.settings
+    changed = reference.causal_with if args.online else reference.with_settings
+    settings = changed(None, match_flags(args), "the command line").settings
     detail_settings(settings)
     warn_of_no_effect(args, settings)
     if args.stays_on_map and settings.matching == "filter" and settings.smooth:
         warning("--stays-on-map is for live matches: add --no-smooth")
     warn_of_few_places(args.map, reference)
+    recording = open_source(args, args.recording, reference.camera)
+    result = reference.match(
+        watched(recording, "localising" if args.online else "counting"),
+        every=(args.every or "event") if args.online else None,
+        settings=settings,
+        odometry=odometry,
+    )
+    queries, matches, metrics = result.queries, result.matches, result.metrics
     remarks = []
     if odometry is not None:
         odometry = odometry.since(result.start_us)

@@ -155,7 +155,8 @@ def check_arguments(args: argparse.Namespace) -> None:
         parse_address(args.http)
     if args.log is not None:
         log = Path(args.log)
-        if log.resolve() in {Path(name).resolve() for name in (*args.record, args.output) if name}:
+        others = filter(None, (*args.record, args.output, args.state))
+        if log.resolve() in {Path(name).resolve() for name in others}:
             raise UsageError(f"{log} is named twice: give each file another name")
         check_new_file(log, (args.port, args.map), args.overwrite)
 
@@ -183,7 +184,6 @@ def run(args: argparse.Namespace) -> None:
     )  # fmt: skip
     if session.reference is not None:
         warn_of_no_effect(args, session.reference.settings)
-        warn_of_few_places(args.map, session.reference)
     _show(args, session)
     if files.learnt is not None:
         learnt, update = files.learnt, files.update
@@ -212,6 +212,8 @@ def _show(args: argparse.Namespace, session: LiveSession) -> None:
 
             session.on_message = show_stage  # the command itself notes that it compiles
             session.open()
+            if session.reference is not None:
+                warn_of_few_places(args.map, session.reference)
             # opened last, so that a missing camera does not overwrite the run before
             view = stack.enter_context(
                 open_view(args.json, args.log, session.reference, server, line_s)

@@ -593,10 +593,11 @@ def seconds(centre_us: npt.NDArray[np.int64], drive: str) -> Scale:
 
 
 def along_route(reference: ReferenceMap, route: Route | None) -> Scale:
-    """Return the metres to each place where a track says them, and else the seconds."""
-    if route is None:
+    """Return the metres to each place where a track or odometry says them, else the seconds."""
+    along_m = reference.along_m if route is None else route.along_m
+    if along_m is None:
         return seconds(reference.places.centre_us, "reference")
-    return Scale(route.along_m, "distance along the route (m)")
+    return Scale(along_m, "distance along the route (m)")
 
 
 def add_scale(axes: Axes, side: str, scale: Scale) -> None:
