@@ -214,12 +214,13 @@ def test_a_reader_of_lines_learns_that_the_camera_is_silent(drive, events, tmp_p
     encoder, (before, after) = open_encoder("evpr", SENSOR), split_events(events, [24_000])
 
     def camera():
-        greeted(link)
-        send_all(link, encoder.start() + encoder.encode(before))
-        wait_until(lambda: given_again(rows_of(log.read_text().rpartition("\n")[0], "match")))
-        send_all(link, encoder.encode(after))
-        link.drain(30)
-        link.close()
+        with contextlib.closing(link):
+            greeted(link)
+            send_all(link, encoder.start() + encoder.encode(before))
+            wait_until(log.exists)
+            wait_until(lambda: given_again(rows_of(log.read_text().rpartition("\n")[0], "match")))
+            send_all(link, encoder.encode(after))
+            link.drain(30)
 
     thread = threading.Thread(target=camera, daemon=True)
     thread.start()
@@ -351,6 +352,11 @@ def test_a_clock_that_is_set_back_while_silent_moves_nothing(drive):
     assert decoder.reached_us == 50_000
     decoder.feed(encoder.idle(10**12))  # no clock leaps by 11 days
     assert decoder.reached_us == 50_000
+
+
+def test_a_flag_of_matching_needs_a_map(sent, refused):
+    words = ["stream", "--protocol", "evpr", "--port", sent, "--sensor", "64x48"]
+    assert "precision: nothing is matched without --map" in refused(*words, "--precision", 0.9)
 
 
 def test_a_map_of_another_sensor_is_refused(drive):

@@ -180,7 +180,7 @@ def run(args: argparse.Namespace) -> None:
     session = LiveSession(
         line, protocol=args.protocol, reference=args.map, every=args.every, sensor=args.sensor,
         odometry=args.odometry, max_age=args.max_age, files=files,
-        **({} if args.map is None else match_flags(args)),
+        **({} if args.map is None and args.learn else match_flags(args)),
     )  # fmt: skip
     if session.reference is not None:
         warn_of_no_effect(args, session.reference.settings)
