@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import fcntl
+import contextlib
 import json
 import math
 import struct
@@ -273,8 +274,8 @@ def play(
     bridge = Bridge(link, open_encoder(device, sensor), speed=speed, faults=faults)
 
     def run() -> None:
-        bridge.run(pieces)
-        link.close()
+        with contextlib.closing(link):
+            bridge.run(pieces)
 
     thread = threading.Thread(target=run, daemon=True)
     thread.start()
