@@ -484,7 +484,8 @@ class MatchResult:
 
         By the track of the map, else by its odometry.
         """
-        return self._where.get("along_m", np.full(len(self), np.nan))
+        along_m = self.reference.along_m
+        return np.full(len(self), np.nan) if along_m is None else along_m[self.matches.place]
 
     @property
     def position(self) -> npt.NDArray[np.float64] | None:

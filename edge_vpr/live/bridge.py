@@ -62,7 +62,10 @@ class VirtualLink(DescriptorLink):
         return termios.tcgetattr(self._slave) != self._as_made
 
     def drain(self, timeout: float) -> bool:
-        """Wait until the host has read everything, because closing a terminal discards the rest."""
+        """Wait until the host has read everything, and return whether it has.
+
+        Closing a terminal discards the rest.
+        """
         end, quiet = time.monotonic() + timeout, 0
         while time.monotonic() < end and quiet < 3:
             waiting = fcntl.ioctl(self._slave, termios.FIONREAD, b"\0\0\0\0")
@@ -103,7 +106,10 @@ class TcpServerLink(Link):
         return host.write(data, timeout) if host else 0
 
     def drain(self, timeout: float) -> bool:
-        """Wait until the host hangs up: closing with unread bytes of the host discards the rest."""
+        """Wait until the host hangs up, and return whether it has.
+
+        Closing while bytes of the host are unread discards what it has not read.
+        """
         end = time.monotonic() + timeout
         with contextlib.suppress(LinkError):
             if self._host is not None:

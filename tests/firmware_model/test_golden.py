@@ -28,6 +28,7 @@ from firmware_model import Design, VectorError
 from firmware_model.design import page
 from firmware_model.emulation.build import EMULATED, SOURCES, build
 from firmware_model.emulation.emulator import Emulator
+from firmware_model.errors import DesignError
 from firmware_model.specification_drive import bias_of, typical_distances
 from firmware_model.vectors import (
     CORNERS,
@@ -702,6 +703,14 @@ def test_a_recording_that_fits_no_flash_is_told(recorded, tmp_path, run, monkeyp
     assert f"with events and records {size:,}, and the flash of the example {size - 1:,}" in said
     drive = tmp_path / "w/recording/drive"
     assert (drive / "image.hex").exists() and not (drive / "case.h").exists()
+
+    def too_large(_):
+        raise DesignError("too large for the image")
+
+    monkeypatch.setattr("firmware_model.vectors.suite.image", too_large)
+    monkeypatch.setattr("firmware_model.vectors.FLASH_BYTES", 1)
+    assert "case.h" not in run(*golden, "-o", tmp_path / "x").err
+    assert not (tmp_path / "x/recording/drive/image.bin").exists()
 
 
 @pytest.mark.parametrize(

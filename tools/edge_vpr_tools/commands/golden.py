@@ -125,8 +125,8 @@ def run(args: argparse.Namespace) -> None:
                 f"the recording's case has {case.windows} of --max-windows {args.max_windows}: the "
                 "drive is shorter"
             )
-        size = sum(case.files[name].bytes for name in FLASHED if name in case.files)
-        if size > FLASH_BYTES:
+        if "image.bin" in case.files and "case.h" not in case.files:
+            size = sum(case.files[name].bytes for name in FLASHED)
             note(
                 f"the recording's case has no case.h: its image takes "
                 f"{case.files['image.bin'].bytes:,} bytes, with events and records {size:,}, and "
