@@ -30,13 +30,24 @@ def test_what_a_match_costs_is_what_estimate_says(prose, capsys):
     memory = of["memory"]
     flash, ram = (memory[name] / 1024 for name in ("flash_bytes", "ram_bytes"))
     second = estimate["sizes"]["place_bytes"] * estimate["design"]["places_per_window"]
+    assert f"the first drive, of which a second takes {second} bytes." in prose
     said = (
-        f"Packed, a second of the route, two places, takes {second} bytes. On a Cortex-M4, whose "
-        f"firmware keeps a byte per code, a route of 500 s, 1,000 places, takes {flash:.0f} KiB of "
-        f"flash and {ram:.0f} KiB of RAM, and a match {1e3 * of['load']['central']:.0f} ms and "
-        f"{1e3 * of['per_match_j']['central']:.1f} mJ at 100,000 events per second"
+        f"On a Cortex-M4, whose firmware keeps a byte per code, a route of 500 s, 1,000 places, "
+        f"takes {flash:.0f} KiB of flash and {ram:.0f} KiB of RAM, and a match "
+        f"{1e3 * of['load']['central']:.0f} ms and {1e3 * of['per_match_j']['central']:.1f} mJ at "
+        f"100,000 events per second"
     )
     assert said in re.sub(r"\[([^\]]*)\]\([^)]*\)", r"\1", prose)
+
+
+def test_the_caption_of_brisbane_is_its_row_of_the_table(prose):
+    rows = rows_of(
+        "place-filter.csv", drives="Brisbane, 49 px", method="place filter, running mean (robot)"
+    )
+    (correct,) = means_by("drives", "P@100R", rows).values()
+    (right,) = means_by("drives", "correct of accepted", rows).values()
+    assert f"{correct:.3f} are within 70 m of the true place, and no accepted" in prose
+    assert right == 1
 
 
 def test_other_light_is_that_of_the_table_of_rivals(prose):
