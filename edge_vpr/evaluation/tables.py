@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import csv
+import json
 import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -200,18 +201,19 @@ def numbers(
     return table
 
 
-# Odometry files: tables of time and distance, or of time and speed.
+# Odometry files: tables of time and distance, or of time and speed; logs of `edge-vpr stream`.
 
 
 def load_odometry(path: str | Path | TableData) -> Odometry:
-    """Read odometry from a ``.csv`` table, or a table in memory.
+    """Read odometry from a ``.csv`` table, a ``.jsonl`` log of a stream, or a table in memory.
 
     Parameters
     ----------
     path : str or Path or TableData
         With the header ``time_s,distance_m`` (the reading of an odometer, from any zero),
         ``time_s,position_m`` (a track along the route), or ``time_s,speed_mps`` (below 0 backwards;
-        between two rows the mean of both holds). Times in seconds from the recording's start.
+        between two rows the mean of both holds). Times in seconds from the recording's start. A
+        log that ``edge-vpr stream --odometry --log`` wrote has the readings of its drive.
 
     Raises
     ------
@@ -231,9 +233,12 @@ def load_odometry(path: str | Path | TableData) -> Odometry:
         table = numbers(path, header, rows, range(len(header)))
     else:
         path = as_path(path, "odometry")
-        if path.suffix.lower() != ".csv":
-            raise GroundTruthError(f"{path} is not odometry: give a .csv table")
-        header, table = read_table(path)
+        if path.suffix.lower() == ".jsonl":
+            header, table = ("time_s", "distance_m"), _logged_readings(path)
+        elif path.suffix.lower() == ".csv":
+            header, table = read_table(path)
+        else:
+            raise GroundTruthError(f"{path} is not odometry: give a .csv table or a .jsonl log")
     speeds = header == ("time_s", "speed_mps")
     if not speeds and header not in (("time_s", "distance_m"), ("time_s", "position_m")):
         raise GroundTruthError(
@@ -262,6 +267,27 @@ def load_odometry(path: str | Path | TableData) -> Odometry:
     except UsageError as error:
         raise GroundTruthError(f"{path}: {error}") from None
     return _without_leaps(path, odometry)
+
+
+def _logged_readings(path: Path) -> Floats:
+    """Return times and distances in a log of a stream; of readings at one time, the newest."""
+    readings: dict[float, float] = {}
+    for number, line in enumerate(read_text(path).splitlines(), 1):
+        if '"odometry"' not in line:
+            continue
+        try:
+            row = json.loads(line)
+            if row["kind"] == "odometry":
+                readings[float(row["time_s"])] = float(row["distance_m"])
+        except Exception as error:  # parsers also raise others, for deep nesting and long numbers
+            raise GroundTruthError(
+                f"{path}: line {number} is not a line of edge-vpr stream --log: leave it out"
+            ) from error
+    if not readings:
+        raise GroundTruthError(
+            f"{path} has no readings of an odometer: write it by edge-vpr stream --odometry --log"
+        )
+    return np.array(list(readings.items()))
 
 
 def _without_leaps(path: Path, odometry: Odometry) -> Odometry:

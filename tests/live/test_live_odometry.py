@@ -23,7 +23,7 @@ from edge_vpr.live.odometer import OdometerLine, OdometerReader
 from edge_vpr.live.protocols import open_encoder
 from edge_vpr.live.reader import Chunk
 from edge_vpr.live.session import LiveSession
-from edge_vpr.odometry import OdometerCheck, Odometry
+from edge_vpr.odometry import OdometerCheck
 from edge_vpr.online.localiser import Localiser
 from edge_vpr.online.odometry_feed import OdometryFeed
 from edge_vpr.online.schedule import MatchSchedule
@@ -187,13 +187,6 @@ def streamed(drive, clock, monkeypatch):
     return streamed
 
 
-def readings_of(log):
-    """The readings that a run took, as odometry."""
-    read = {round(1e6 * row["time_s"]): row["distance_m"] for row in rows_of(log, "odometry")}
-    distance_m = np.array(list(read.values()))
-    return Odometry(np.array(list(read), dtype=np.int64), np.rint(1e3 * distance_m).astype(int))
-
-
 def test_a_run_with_an_odometer_is_the_offline_one_with_the_readings_of_its_log(
     streamed, drive, tmp_path
 ):
@@ -213,7 +206,7 @@ def test_a_run_with_an_odometer_is_the_offline_one_with_the_readings_of_its_log(
         rows = np.concatenate([row for part in parts for row in feed.update(part)])
         return [list(row) for row in rows[["time_us", "place", "distance", "trust"]].tolist()]
 
-    assert live == offline(readings_of(log))
+    assert live == offline(load_odometry(log))
     assert live != offline(None)
 
 
@@ -253,7 +246,7 @@ def test_a_map_that_is_learnt_with_an_odometer_knows_its_distances(streamed, tmp
     target, log = tmp_path / "map.npz", tmp_path / "run.jsonl"
     words = ["--sensor", "64x48", "--learn", "-o", target, "--sigma", "1", "--log", log]
     events = streamed(*words, "--pixels", "20", "--tau", "100ms")
-    learnt, odometry = ReferenceMap.load(target), readings_of(log)
+    learnt, odometry = ReferenceMap.load(target), load_odometry(log)
     expected = ReferenceMap.build(Drive(events, SENSOR), learnt.settings, odometry=odometry)
     assert learnt == expected
     assert learnt.odometer_mm[-1] > 2_000
@@ -323,7 +316,7 @@ def test_a_live_run_shows_the_odometer_s_metres_beside_the_length_of_the_route(
     )
     (health,) = rows_of(log, "summary")
     assert health["odometer_leaps"] == 0
-    first_mm, *_, last_mm = readings_of(log).distance_mm.tolist()
+    first_mm, *_, last_mm = load_odometry(log).distance_mm.tolist()
     assert health["odometer_m"] == (last_mm - first_mm) / 1e3 < 0
 
 

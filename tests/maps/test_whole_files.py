@@ -112,6 +112,7 @@ INPUTS = {
     "a log": (".nmea", load_track),
     "poses": (".tum", load_track),
     "odometry": (".csv", load_odometry),
+    "a log of an odometer": (".jsonl", load_odometry),
     "pairs": (".csv", load_alignment),
     "a matrix": (".csv", load_matrix),
     "a matrix of NumPy": (".npy", load_matrix),

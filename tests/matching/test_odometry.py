@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 from dataclasses import replace
 
@@ -69,6 +70,28 @@ def test_a_table_that_is_no_odometry_is_refused(tmp_path, text, message):
         load_odometry(write(tmp_path, text))
     with pytest.raises(GroundTruthError, match="is not odometry"):
         load_odometry(write(tmp_path, text, "file.txt"))
+
+
+def test_a_log_of_a_stream_has_the_readings_of_its_drive(tmp_path):
+    rows = [
+        {"kind": "route", "places": 3},
+        {"kind": "odometry", "time_s": 0.0, "distance_m": 7.0},
+        {"kind": "odometry", "time_s": 0.0, "distance_m": 7.5},  # before the first event
+        {"kind": "odometer", "text": 'no "odometry"'},
+        {"kind": "odometry", "time_s": 0.25, "distance_m": 8.125},
+    ]
+    log = write(tmp_path, "".join(f"{json.dumps(row)}\n" for row in rows), "run.jsonl")
+    odometry = load_odometry(log)
+    assert odometry.time_us.tolist() == [0, 250_000]
+    assert odometry.distance_mm.tolist() == [7500, 8125]
+    with pytest.raises(GroundTruthError, match=r"has no readings .* stream --odometry --log"):
+        load_odometry(write(tmp_path, '{"kind": "health"}\n', "run.jsonl"))
+    for text in ('{"kind": "odometry", "time_s"', '{"kind": "odometry"}', '["odometry"]'):
+        with pytest.raises(GroundTruthError, match=r"line 1 is not a line of .* --log: leave it"):
+            load_odometry(write(tmp_path, f"{text}\n", "run.jsonl"))
+    with pytest.raises(GroundTruthError, match="times up to nan s"):
+        text = '{"kind": "odometry", "time_s": NaN, "distance_m": 1}\n'
+        load_odometry(write(tmp_path, text, "run.jsonl"))
 
 
 def test_leaps_of_an_odometer_that_starts_again_add_nothing_and_are_named(tmp_path):

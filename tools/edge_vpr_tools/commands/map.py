@@ -92,7 +92,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     track.add_argument(
         "--odometry",
         metavar="FILE",
-        help="odometry of this drive (CSV with time_s, and distance_m, position_m or speed_mps); "
+        help="odometry of this drive (CSV with time_s, and distance_m, position_m or speed_mps; or "
+        "the log of stream --odometry); "
         "with it, match --odometry needs no track",
     )
     parser.add_argument(

@@ -81,7 +81,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--odometry",
         metavar="FILE",
         help="odometry of the query drive (CSV with time_s, and distance_m, position_m or "
-        "speed_mps), for a map made with --odometry or --track",
+        "speed_mps; or the log of stream --odometry), for a map made with --odometry or --track",
     )
     matching = parser.add_argument_group("matching (over the map's settings)")
     add_setting_flags(matching, "matching", "the map's")
