@@ -103,7 +103,9 @@ def test_a_list_of_hot_pixels_is_read_as_the_data_set_writes_it(tmp_path):
     [
         ("9, 0", r"line 1 .* the pixel \(9, 0\), off the 4x3"),
         ("1e300, 0", "off the 4x3"),
-        ("1, 2\nx", "line 2 .* expected the"),
+        ("x,y\n9,9", "line 2 .* off the 4x3"),
+        ("1, 2\n1", "line 2 .* expected the"),
+        ("1, 2\n1, 2, 3", "line 2 .* expected the"),
         ("1.0, 2\n1.5, 2", "line 2 .* expected the"),
         ("1, 2\ninf, 2", "line 2 .* expected the"),
         ("1, 2\nnan, 2", "line 2 .* expected the"),

@@ -105,7 +105,8 @@ def test_no_windows_make_an_empty_set_of_descriptors():
     assert collect([], 4).counts.shape == (0, 4)
 
 
-@pytest.mark.parametrize("make", [lambda: FixedTime(0), lambda: FixedCount(0)])
-def test_an_empty_window_is_wrong_use(make):
-    with pytest.raises(UsageError, match="or more"):
-        make()
+@pytest.mark.parametrize("window", [FixedTime, FixedCount])
+@pytest.mark.parametrize("length", [0, -1, 2**63, 10**30])
+def test_a_window_has_a_length_that_fits_the_kernels(window, length):
+    with pytest.raises(UsageError, match="expected 1"):
+        window(length)

@@ -82,7 +82,7 @@ def test_an_archive_with_any_byte_changed_is_refused_or_reads_as_before(tmp_path
             try:
                 contents = read_archive(path, "thing")
             except MapError as error:
-                assert str(error).isprintable()
+                assert str(error).isprintable() and str(path) in str(error)
                 refused += 1
             else:
                 assert same_contents(contents, expected), (at, bit)

@@ -7,33 +7,16 @@ import tomllib
 import numpy as np
 import pytest
 
-from edge_vpr.archive import read_archive, write_archive
-from edge_vpr.descriptors.cleaning import load_hot_pixels
-from edge_vpr.errors import (
-    LONGEST_MESSAGE,
-    EdgeVprError,
-    MapError,
-    RecordingError,
-    UsageError,
-    printable,
-)
-from edge_vpr.results import QUERIES_KIND
+from edge_vpr.errors import LONGEST_MESSAGE, EdgeVprError, UsageError, printable
 from edge_vpr.settings import resolve_settings
 from firmware_model.design import Design
 from firmware_model.errors import DesignError
 from tests.maps import saved_files
-from tests.maps.saved_files import SENSOR, same_contents
-
-KINDS = {"map": "reference map", "matches": "set of matches", "queries": "set of query descriptors"}
 
 
 @pytest.fixture(scope="module")
 def originals(tmp_path_factory):
-    folder = tmp_path_factory.mktemp("originals")
-    paths = saved_files.write_originals(folder)
-    places = saved_files.map_of({}, np.random.default_rng(0)).places
-    write_archive(folder / "queries.npz", QUERIES_KIND, places.to_arrays(), {})
-    return paths | {"queries": [folder / "queries.npz"]}
+    return saved_files.write_originals(tmp_path_factory.mktemp("originals"))
 
 
 def one_line(error):
@@ -41,23 +24,6 @@ def one_line(error):
     text = printable(error) if isinstance(error, DesignError) else str(error)
     assert text.isprintable() and 0 < len(text) <= LONGEST_MESSAGE, text
     return text
-
-
-@pytest.mark.parametrize("kind", KINDS)
-def test_a_damaged_archive_is_refused_or_reads_as_before(originals, tmp_path, kind):
-    path, rng = tmp_path / "damaged.npz", np.random.default_rng(5)
-    for original in originals[kind]:
-        whole, expected = original.read_bytes(), read_archive(original, KINDS[kind])
-        for at in rng.integers(len(whole), size=60).tolist():
-            flipped = bytes([whole[at] ^ 1 << int(rng.integers(8))])
-            for raw in (whole[:at], whole[:at] + flipped + whole[at + 1 :]):
-                path.write_bytes(raw)
-                try:
-                    contents = read_archive(path, KINDS[kind])
-                except MapError as error:
-                    assert str(path) in one_line(error)
-                else:
-                    assert len(raw) == len(whole) and same_contents(contents, expected), at
 
 
 def damaged(raw, rng):
@@ -145,10 +111,3 @@ def test_settings_that_cannot_be_are_one_line_that_names_the_file(tmp_path, text
         resolve_settings(config=tmp_path / "odd.toml")
     said = one_line(caught.value)
     assert "preset" in text or "odd.toml" in said
-
-
-@pytest.mark.parametrize("line", ["inf,1", "1e400,1", "nan,0", "1", "1,2,3", "9,9"])
-def test_a_list_of_hot_pixels_that_names_none_is_refused(tmp_path, line):
-    (tmp_path / "hot.txt").write_text(f"x,y\n{line}\n")
-    with pytest.raises(RecordingError, match=r"hot\.txt"):
-        load_hot_pixels(tmp_path / "hot.txt", SENSOR)

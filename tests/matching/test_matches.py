@@ -82,13 +82,6 @@ def test_a_sequence_longer_than_the_traverse_is_wrong_use():
         match_descriptors(descriptors([[1]]), descriptors([[1], [2]]), Settings(sequence_length=2))
 
 
-def test_matches_by_the_filter_name_no_sequence_length():
-    drive = descriptors(np.eye(6, dtype=np.int64))
-    by_filter = match_descriptors(drive, drive, Settings(matching="filter"))
-    assert "place filter" in repr(by_filter) and "L =" not in repr(by_filter)
-    assert "L = 2," in repr(match_descriptors(drive, drive, Settings(sequence_length=2)))
-
-
 def test_what_is_printed_of_results_is_one_short_line_whatever_their_size():
     rng = np.random.default_rng(0)
     reference = saved_files.map_of({"matching": "filter"}, rng)
@@ -105,4 +98,4 @@ def test_what_is_printed_of_results_is_one_short_line_whatever_their_size():
         assert repr(each).startswith(f"{type(each).__name__}(")
         assert len(repr(each)) < 120
         assert "array" not in repr(each)
-    assert "place filter" in repr(matches)
+    assert "place filter" in repr(matches) and "L =" not in repr(matches)
