@@ -32,6 +32,11 @@ def random_events(rng: np.random.Generator, n: int, sensor: Sensor, duration_us:
     )
 
 
+def centres(windows: int) -> np.ndarray:
+    """Centres of consecutive windows of one second, in microseconds."""
+    return np.arange(windows) * 1_000_000 + 500_000
+
+
 def records(matches: Sequence[Match]) -> np.ndarray:
     """Live matches as a localiser returns them."""
     fields = len(MATCH_DTYPE.names)

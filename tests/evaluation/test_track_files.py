@@ -4,18 +4,22 @@ from __future__ import annotations
 
 import datetime as dt
 import re
+from pathlib import Path
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from edge_vpr.errors import GroundTruthError
-from edge_vpr.evaluation.ground_truth import from_tracks, load_matrix
+from edge_vpr.evaluation.ground_truth import from_tracks
 from edge_vpr.evaluation.tables import read_text
 from edge_vpr.evaluation.track_files import load_track
 from edge_vpr.evaluation.tracks import Track
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.simulation import simulate_pair
 from tests.maps.saved_files import sentence
+from tests.streams import centres
 
 S = 1_000_000
 GPX = """<?xml version="1.0" encoding="{encoding}"?>
@@ -32,23 +36,43 @@ GPX = """<?xml version="1.0" encoding="{encoding}"?>
 </trkseg></trk></gpx>"""
 
 
-def nmea(seconds, latitude_minutes=30.0):
-    lines = []
-    for i in range(seconds):
-        clock = f"{12 + i // 3600:02}{i // 60 % 60:02}{i % 60:02}.00"
-        body = f"GPRMC,{clock},A,27{latitude_minutes + i / 100:08.5f},S,15254.00000,E,,,010124,,"
-        lines.append(sentence(body))
-    return "".join(lines)
+def angle(degrees: float, digits: int) -> str:
+    whole, part = divmod(abs(degrees), 1.0)
+    return f"{int(whole):0{digits}d}{part * 60:010.7f}"
+
+
+def position(latitude: float, longitude: float) -> str:
+    ns, ew = "S" if latitude < 0 else "N", "W" if longitude < 0 else "E"
+    return f"{angle(latitude, 2)},{ns},{angle(longitude, 3)},{ew}"
+
+
+def rmc(time: str, latitude=-27.0, longitude=153.0, date: str = "210420", fix=True) -> str:
+    where = position(latitude, longitude) if fix else ",,,"
+    return sentence(f"GPRMC,{time},{'A' if fix else 'V'},{where},0.0,,{date},,,A")
+
+
+def gga(time: str, latitude: float, longitude: float, fix=True) -> str:
+    where = position(latitude, longitude) if fix else ",,,"
+    return sentence(f"GNGGA,{time},{where},{int(fix)},09,2.0,40.3,M,38.5,M,,")
+
+
+def nmea(seconds: int) -> str:
+    """A log of a drive to the south, at noon."""
+    return "".join(
+        rmc(f"1200{i:02}.00", -27.5 - i / 6_000, 152.9, "010124") for i in range(seconds)
+    )
+
+
+def written(folder: Path, *sentences: str) -> Path:
+    path = folder / "log.nmea"
+    path.write_text("".join(sentences), encoding="latin-1", newline="")
+    return path
 
 
 def straight(seconds, metres, start_us=0):
     """A drive along a line."""
     times = start_us + np.arange(seconds + 1) * S
     return Track(times, np.linspace(0.0, metres, seconds + 1)[:, None])
-
-
-def centres(seconds):
-    return np.arange(seconds) * S + S // 2
 
 
 @pytest.mark.parametrize("encoding", ["utf-8", "utf-16", "utf-16-le", "utf-16-be", "utf-8-sig"])
@@ -65,8 +89,78 @@ def test_gpx_is_read_in_every_encoding(tmp_path, encoding):
     assert track.start_utc == dt.datetime(2024, 1, 1, 12, tzinfo=dt.UTC)
 
 
-def rmc(time, date, status="A"):
-    return sentence(f"GPRMC,{time},{status},2700.00000,S,15300.00000,E,,,{date},,")
+@given(st.floats(-89.9, 89.9), st.floats(-179.9, 179.9), st.sampled_from(["GP", "GN", "BD"]))
+def test_a_position_survives_the_degrees_and_minutes_of_nmea(
+    tmp_path_factory, latitude, longitude, talker
+):
+    line = sentence(f"{talker}RMC,070303.25,A,{position(latitude, longitude)},0,,210420,,,A")
+    track = load_track(written(tmp_path_factory.getbasetemp(), line))
+    np.testing.assert_allclose(track.position, [[latitude, longitude]], rtol=0, atol=2e-9)
+    assert track.kind == "geographic"
+    assert track.start_utc == dt.datetime(2020, 4, 21, 7, 3, 3, 250_000, tzinfo=dt.UTC)
+
+
+def test_rmc_and_gga_of_one_instant_are_one_point_and_tenths_of_a_second_are_kept(tmp_path):
+    lines = [
+        both for tenth in range(12) for time in [f"0703{3 + tenth // 10:02d}.{tenth % 10}0"]
+        for both in (rmc(time, -27.0, 153.0 + tenth / 1e5), gga(time, 5.0, 5.0))
+    ]  # fmt: skip
+    track = load_track(written(tmp_path, *lines))
+    np.testing.assert_array_equal(track.time_us, np.arange(12) * 100_000)
+    np.testing.assert_allclose(track.position[:, 1], 153.0 + np.arange(12) / 1e5)
+
+
+def test_time_goes_on_past_midnight_with_dates_and_without(tmp_path):
+    dated = [rmc("235959.00", 0, 0, "311220"), rmc("000000.00", 0, 0, "010121")]
+    undated = [gga("235959.00", 0, 0), gga("000000.00", 0, 0)]
+    for lines in (dated, undated):
+        track = load_track(written(tmp_path, *lines))
+        np.testing.assert_array_equal(track.time_us, [0, S])
+        expected = dt.datetime(2020, 12, 31, 23, 59, 59, tzinfo=dt.UTC)
+        assert track.start_utc == (None if lines is undated else expected)
+
+
+def test_time_zero_is_the_first_second_of_the_log_even_before_the_first_fix(tmp_path):
+    lines = [
+        sentence("GPRMC,,V,,,,,,,,,,N"),
+        rmc("070300.00", fix=False),
+        gga("070300.00", 0, 0, fix=False),
+        rmc("070302.00"),
+    ]
+    track = load_track(written(tmp_path, *lines))
+    assert track.time_us.tolist() == [2 * S]
+    assert dict(track.dropped) == {"no fix": 2}  # of RMC
+
+
+def test_damaged_sentences_are_dropped_and_counted(tmp_path):
+    good = rmc("070303.00")
+    lines = [
+        "\xff\xfe noise $GPRMC,07",
+        good,
+        good.replace("A,27", "A,28"),  # the checksum no longer fits
+        good.replace("070303", "070304").split("*")[0] + "\r\n",  # nor is there one
+        sentence("GPRMC,070305.00,A,2760.00000,S,15300.00000,E,0,,210420,,,A"),  # 60 minutes
+        sentence("GPRMC,070306.00,A"),
+        "$GSENSOR,76,976,148\r\n",
+    ]
+    track = load_track(written(tmp_path, *lines))
+    assert track.time_us.tolist() == [0]
+    assert dict(track.dropped) == {"bad checksum": 1, "no checksum": 1, "unreadable field": 3}
+
+
+@pytest.mark.parametrize(("traverse", "fixes", "last_s"), [(1, 703, 714), (2, 623, 630)])
+def test_real_logs_give_every_second_that_they_hold(shared_data, traverse, fixes, last_s):
+    path = shared_data / f"brisbane_sparse49/sunset{traverse}.nmea"
+    track = load_track(path)
+    assert (track.time_us.size, track.time_us[-1]) == (fixes, last_s * S)
+    assert not track.dropped
+    # the same by splitting at commas, without checksums, dates or patterns
+    rows = [line.split(",") for line in path.read_text().splitlines() if "RMC" in line]
+    south = [-(int(row[3][:2]) + float(row[3][2:]) / 60) for row in rows]
+    np.testing.assert_array_equal(track.position[:, 0], south)
+    # the recorder's clips leave gaps of 3 and 4 s, which the largest gap must bridge
+    assert np.diff(track.time_us).max() == 4 * S
+    assert not np.isnan(track.at(centres(last_s))).any()
 
 
 #: what is no track, by its name, and what is said of it
@@ -79,11 +173,11 @@ NO_TRACKS = [
     ("a.gpx", "<a>" * 100_000, "is not a GPX file"),
     ("a.gpx", GPX.format(encoding="utf-8").replace("12:00:04", "11:00:04"), "time runs backwards"),
     ("a.nmea", "nothing of the kind", "none at all"),
-    ("a.nmea", rmc("070303.00", "210420", "V") + rmc("070304.00", "210420", "V"),
+    ("a.nmea", rmc("070303.00", fix=False) + rmc("070304.00", fix=False),
      r"no RMC or GGA sentence with a fix \(2 with no fix"),
-    ("a.nmea", rmc("070303.00", "210420") + rmc("070001.00", "210420"),
+    ("a.nmea", rmc("070303.00") + rmc("070001.00"),
      "backwards by 182 s at RMC sentence 2"),
-    ("a.nmea", rmc("120000.00", "050180") + rmc("120001.00", "010320"),
+    ("a.nmea", rmc("120000.00", date="050180") + rmc("120001.00", date="010320"),
      r"by 14,666 days at RMC sentence 2.*Track.shifted"),
     ("a.nmea", None, "cannot be read"),
     ("a.xlsx", "", r"give a log of NMEA or GPX, a \.csv table, or poses of TUM or KITTI"),
@@ -132,7 +226,7 @@ def test_a_log_in_utf16_is_read_like_any_other(tmp_path, encoding):
 @pytest.mark.parametrize(
     ("spoilt", "says"),
     [
-        (lambda line: line.replace("15254", "15255"), "copy the log again"),
+        (lambda line: line.replace(",152", ",153"), "copy the log again"),
         (lambda line: "", "open sky"),
         (lambda line: line.replace("RMC", "GLL"), "it has GLL sentences: let the receiver send"),
     ],
@@ -206,17 +300,37 @@ def test_a_file_too_long_to_be_a_log_is_refused_unread(tmp_path, monkeypatch):
         read_text(tmp_path / "a.txt")
 
 
-def test_a_matrix_that_announces_more_than_its_file_holds_is_refused(tmp_path):
-    np.save(tmp_path / "a.npy", np.eye(3))
-    raw = (tmp_path / "a.npy").read_bytes()
-    (tmp_path / "a.npy").write_bytes(raw.replace(b"(3, 3), }      ", b"(99999, 99999), }"[:15]))
-    (tmp_path / "b.npy").write_bytes(raw.replace(b"(3, 3), }        ", b"(99999, 9999), }"[:17]))
-    for name in ("a.npy", "b.npy"):
-        with pytest.raises(GroundTruthError, match=name):
-            load_matrix(tmp_path / name)
-
-
 # --- tables as the field writes them ---------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("header", "kind", "columns"),
+    [
+        ("time_s,position_m", "metric", 1),
+        ("time_s,x_m", "metric", 1),
+        ("time_s,x_m,y_m", "metric", 2),
+        ("Time_s, x_m, y_m, z_m", "metric", 3),
+        ("time_s,latitude,longitude", "geographic", 2),
+    ],
+)
+def test_a_table_is_read_by_its_header(tmp_path, header, kind, columns):
+    path = tmp_path / "track.csv"
+    path.write_text(f"# by hand\n{header}\n" + "".join(
+        f"{time},{','.join(str(time / 1e5 + c) for c in range(columns))}\n"
+        for time in (0, 0.000001, 1.5)
+    ))  # fmt: skip
+    track = load_track(path)
+    assert track.kind == kind
+    assert track.time_us.tolist() == [0, 1, 1_500_000]
+    np.testing.assert_array_equal(track.position[2], 1.5e-5 + np.arange(columns))
+
+
+def test_points_further_apart_than_5_s_are_bridged_if_asked_for(tmp_path):
+    path = tmp_path / "track.csv"
+    path.write_text("time_s,position_m\n0,0\n60,30\n")
+    assert np.isnan(load_track(path).at([30 * S])).all()
+    assert load_track(path, max_gap_s=60.0).at([30 * S]).tolist() == [[15.0]]
+
 
 EUROC = "p_RS_R_x [m], p_RS_R_y [m], p_RS_R_z [m]"
 UNIX_S = 1_587_452_582
@@ -360,8 +474,6 @@ def test_a_table_in_memory_that_is_no_track_is_refused(table, message):
 def test_seconds_in_the_place_of_microseconds_are_recognised():
     with pytest.raises(GroundTruthError, match=r"has 0.5, and is in whole microsec.*1e6"):
         Track([0.0, 0.5, 1.0], [[0.0], [1.0], [2.0]])
-    with pytest.raises(GroundTruthError, match=r"keep one a time$"):
-        Track([0, 5, 5], [[0.0], [1.0], [2.0]])
     products = np.array([0.1, 1.1, 1_587_452_582.35]) * 1e6  # not all whole
     assert Track(products, np.zeros((3, 1))).time_us.tolist() == [
         100_000, 1_100_000, 1_587_452_582_350_000,

@@ -17,7 +17,7 @@ from edge_vpr.live.protocols import open_decoder, open_encoder
 from edge_vpr.recordings import open_recording
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.simulation import simulate_pair
-from tests.streams import balanced, random_events, split_events
+from tests.streams import balanced, centres, random_events, split_events
 
 S = 1_000_000
 SENSOR = Sensor(64, 48)
@@ -27,10 +27,6 @@ def line(seconds, first=0, begin_m=0.0, metres=5.0):
     """A track of so many seconds, at 5 m/s."""
     at = np.arange(seconds + 1)
     return Track((first + at) * S, begin_m + metres * at[:, None].astype(float))
-
-
-def centres(windows):
-    return np.arange(windows) * S + S // 2
 
 
 def test_security_lists_as_many_invariants_as_are_tested():
