@@ -201,10 +201,7 @@ def _drive(name: str, design: Design, vary: Vary, rng: np.random.Generator, draw
     for counts in shown:
         counts[-1] += not any(counts)  # windows by count have some
     design = _long_enough(design, shown, vary)
-    stream, reference = Stream(design), Stream(design)
-    for counts in shown:
-        reference.fill(counts)
-    reference.close()
+    stream, reference = Stream(design), Stream.showing(design, shown)
     mean = _means(design, rng)
     codes = reference.shown_codes(mean)[:places]
     limits = _limits(design, shown, rng)
@@ -347,7 +344,7 @@ def _numbers(name: str, design: Design, vary: Vary, rng: np.random.Generator, dr
         log = ilog(of_mean >> ACTIVITY_FRACTION_BITS)
         surplus = int(rng.choice([-60, -49, -48, *range(-57, -38), -10, 0, 20]))
         surplus = gain + (edges[window] if many else surplus)
-        number = bisect_left(range(EVENTS_TOP), min(max(log + surplus + own, 0), 190), key=ilog)
+        number = _with_log(min(max(log + surplus + own, 0), 190))
         if rng.random() < 0.15 and not many:
             number = max((mean >> ACTIVITY_FRACTION_BITS + 3) + int(rng.integers(-1, 2)), 0)
         if threshold and window == 0:
@@ -360,7 +357,7 @@ def _numbers(name: str, design: Design, vary: Vary, rng: np.random.Generator, dr
         if not number:
             stream.unselected()
     stream.close()
-    codes = rng.integers(0, design.code_max + 1, (design.places, design.slots)).tolist()
+    codes = _any_codes(design, rng)
     return stream.case(
         name, codes, activity=activity, place_activity=[own] * design.places,
         place_bias=_biases(design, rng) if rng.random() < 0.3 else None,
@@ -381,44 +378,52 @@ def _spread(number: int, design: Design, rng: np.random.Generator) -> list[int]:
     return counts
 
 
+def _any_codes(design: Design, rng: np.random.Generator) -> list[list[int]]:
+    """Draw places of any codes."""
+    codes: list[list[int]] = rng.integers(
+        0, design.code_max + 1, (design.places, design.slots)
+    ).tolist()
+    return codes
+
+
+def _with_log(log: int) -> int:
+    """Return the least number of events of a logarithm."""
+    return bisect_left(range(EVENTS_TOP), log, key=ilog)
+
+
 def _logarithms(
     name: str, design: Design, vary: Vary, rng: np.random.Generator, drawn: int
 ) -> Case:
     """Draw a mean number of 18 bits or more at an edge of `LOGARITHMS`, and windows by it."""
     design = vary(design, window="time", places=4)
     log = (17 + int(rng.integers(2))) * PARTS + drawn % PARTS
-    edge = bisect_left(range(EVENTS_TOP), log, key=ilog)
+    edge = _with_log(log)
     below = drawn // PARTS % 2
     wanted = edge - below << ACTIVITY_FRACTION_BITS
     if design.gains > 1:
-        start = wanted
+        start = mean = wanted
     else:  # the first window takes 1/1024
         start = -(-wanted * 1024 // 1023)
         start += next(i for i in range(-3, 4) if mean_activity_after(start + i, 1) >= wanted)
-    own = -128
-    of_mean = ilog(mean_activity_after(start, 1) >> ACTIVITY_FRACTION_BITS)
-    if design.gains > 1:
-        of_mean = ilog(start >> ACTIVITY_FRACTION_BITS)
+        mean = mean_activity_after(start, 1)
+    own, of_mean = -128, ilog(mean >> ACTIVITY_FRACTION_BITS)
     # the activity less that of the place is the first or the last of its row
     row = int(rng.integers(-2, 5))  # in lower rows the cheapest steps cost the same
     target = 8 * row - 4 + own + (0 if below else 7) + of_mean
-    number = bisect_left(range(EVENTS_TOP), max(target, 1), key=ilog)
-    stream = Stream(design)
-    for events in (1, number, number, 3):
-        stream.fill(_spread(events, design, rng))
-    stream.close()
-    codes = rng.integers(0, design.code_max + 1, (design.places, design.slots)).tolist()
+    number = _with_log(max(target, 1))
+    windows = (_spread(events, design, rng) for events in (1, number, number, 3))
+    stream = Stream.showing(design, windows)
+    codes = _any_codes(design, rng)
     return stream.case(name, codes, activity=start, place_activity=[own] * design.places)
 
 
 def _sums(name: str, design: Design, vary: Vary, rng: np.random.Generator, drawn: int) -> Case:
     """Draw places that are not alike, and windows of so few events that gains look at all sums."""
     design = vary(design, window="time", places=int(rng.choice([6, 9])), restart=30)
-    stream, events = Stream(design), int(rng.integers(10, 60))
-    for _ in range(int(rng.choice([30, 100]))):
-        stream.fill(_spread(int(events * 2 ** rng.normal(0, 0.4)) + 1, design, rng))
-    stream.close()
-    shown = stream.shown_codes(None)
+    events, windows = int(rng.integers(10, 60)), int(rng.choice([30, 100]))
+    numbers = (int(events * 2 ** rng.normal(0, 0.4)) + 1 for _ in range(windows))
+    stream = Stream.showing(design, (_spread(number, design, rng) for number in numbers))
+    shown = stream.shown_codes()
     codes = [shown[int(rng.integers(len(shown)))] for _ in range(design.places)]
     activity = int(events * 2 ** rng.uniform(0.5, 2)) << ACTIVITY_FRACTION_BITS
     return stream.case(name, codes, activity=activity)
@@ -452,11 +457,9 @@ def _paths(name: str, design: Design, vary: Vary, rng: np.random.Generator, draw
     Then a gain is worth its changes, and a restart from another gain is the nearest one.
     """
     design = vary(design, places=int(rng.choice([24, 60])), window="time")
-    stream, events = Stream(design), int(rng.integers(8, 30))
+    events = int(rng.integers(8, 30))
     kinds = [_spread(events, design, rng) for _ in range(int(rng.integers(2, 4)))]
-    for _ in range(60):
-        stream.fill(kinds[int(rng.integers(len(kinds)))])
-    stream.close()
+    stream = Stream.showing(design, (kinds[int(rng.integers(len(kinds)))] for _ in range(60)))
     activity = int(events * 2 ** rng.uniform(0, 2)) << ACTIVITY_FRACTION_BITS
     seen = list(chain.from_iterable(_codes_of_sums(stream, activity)))
     alike = list(seen[int(rng.integers(len(seen)))])
@@ -482,12 +485,9 @@ def _wide(name: str, design: Design, vary: Vary, rng: np.random.Generator, drawn
     places = (12, min(max(12, 6 * 0x10000 // far), 400), 150)[drawn % 3]
     design = vary(design, places=places, window="time")
     places = design.places
-    stream = Stream(design)
-    windows = [_spread(int(rng.integers(1, 60)), design, rng) for _ in range(5)]
-    for counts in windows:
-        stream.fill(counts)
-    stream.close()
-    shown = stream.shown_codes(None)
+    windows = (_spread(int(rng.integers(1, 60)), design, rng) for _ in range(5))
+    stream = Stream.showing(design, windows)
+    shown = stream.shown_codes()
     near = list(shown[-1])
     apart = [0 if 2 * code > design.code_max else design.code_max for code in near]
     codes = rng.choice([0, design.code_max], (design.places, design.slots)).tolist()
@@ -513,11 +513,8 @@ def _near(name: str, design: Design, vary: Vary, rng: np.random.Generator, drawn
     design = vary(design, places=int(rng.choice([4, 9, 12])))
     counts = _spread(20, design, rng)
     design = _long_enough(design, [counts], vary)
-    stream = Stream(design)
-    for _ in range(5 + design.length):
-        stream.fill(counts)
-    stream.close()
-    shown = stream.shown_codes(None)[-1]
+    stream = Stream.showing(design, [counts] * (5 + design.length))
+    shown = stream.shown_codes()[-1]
     codes = []
     for _ in range(design.places):
         row = list(shown)
@@ -534,12 +531,8 @@ def _many(name: str, design: Design, vary: Vary, rng: np.random.Generator, drawn
         pixels=min(design.pixels, ENOUGH_PIXELS),
     )  # fmt: skip
     counts = [_spread(20, design, rng) for _ in range(3)]
-    design = _long_enough(design, counts, vary)
-    stream = Stream(design)
-    for one in counts:
-        stream.fill(one)
-    stream.close()
-    return stream.case(name, [stream.shown_codes(None)[0]] * design.places)
+    stream = Stream.showing(_long_enough(design, counts, vary), counts)
+    return stream.case(name, [stream.shown_codes()[0]] * design.places)
 
 
 def _runs(name: str, design: Design, vary: Vary, rng: np.random.Generator, drawn: int) -> Case:
@@ -595,7 +588,7 @@ def _long(name: str, design: Design, vary: Vary, rng: np.random.Generator, drawn
     for _ in range(1 << FIRST_SHIFT):
         stream.fill(_spread(60, design, rng))
     stream.close()
-    codes = rng.integers(0, design.code_max + 1, (design.places, design.slots)).tolist()
+    codes = _any_codes(design, rng)
     return stream.case(name, codes, mean=_means(design, rng), activity=2 << ACTIVITY_FRACTION_BITS)
 
 
@@ -609,7 +602,7 @@ def _quiet(name: str, design: Design, vary: Vary, rng: np.random.Generator, draw
         mean = mean_activity_after(mean, number)
         stream.fill(_spread(number, design, rng))
     stream.close()
-    codes = rng.integers(0, design.code_max + 1, (design.places, design.slots)).tolist()
+    codes = _any_codes(design, rng)
     activities = rng.integers(-80, -72, design.places).tolist()
     return stream.case(name, codes, activity=activity, place_activity=activities)
 
@@ -634,7 +627,7 @@ def _half(name: str, design: Design, vary: Vary, rng: np.random.Generator, drawn
     for _ in range(design.length):
         stream.fill(_spread(20, design, rng))
     stream.close()
-    codes = rng.integers(0, design.code_max + 1, (design.places, design.slots)).tolist()
+    codes = _any_codes(design, rng)
     return stream.case(name, codes)
 
 
@@ -653,7 +646,7 @@ def _pauses(name: str, design: Design, vary: Vary, rng: np.random.Generator, dra
             stream.unselected()
         stream.fill(_spread(events, design, rng))
     stream.close()
-    codes = rng.integers(0, design.code_max + 1, (design.places, design.slots)).tolist()
+    codes = _any_codes(design, rng)
     return stream.case(name, codes, activity=activity)
 
 
@@ -666,10 +659,10 @@ def _loud(name: str, design: Design, vary: Vary, rng: np.random.Generator, drawn
         counts[0] = int(rng.integers(200, 700))
         stream.fill(counts)
     stream.close()
-    codes = rng.integers(0, design.code_max + 1, (design.places, design.slots)).tolist()
+    codes = _any_codes(design, rng)
     limits = [int(limit) for limit in rng.choice([0, 5, 1023], design.slots)]
     return stream.case(
-        name, codes, mean=_means(design, rng), limits=limits if design.contrast else None,
+        name, codes, mean=_means(design, rng), limits=limits,
         activity=int(2 ** rng.choice([rng.uniform(4, 10), rng.uniform(10, 12.5)]))
         << ACTIVITY_FRACTION_BITS,
     )  # fmt: skip
@@ -680,11 +673,9 @@ def _large_means(
 ) -> Case:
     """Draw a mean number of events of which one bit makes a pause of the first window."""
     design = vary(design, places=4, window="time")
-    stream = Stream(design)
-    for events in (1, int(rng.integers(1, 30)), int(rng.integers(1, 30))):
-        stream.fill(_spread(events, design, rng))
-    stream.close()
-    codes = rng.integers(0, design.code_max + 1, (design.places, design.slots)).tolist()
+    numbers = (1, int(rng.integers(1, 30)), int(rng.integers(1, 30)))
+    stream = Stream.showing(design, (_spread(number, design, rng) for number in numbers))
+    codes = _any_codes(design, rng)
     bit = ACTIVITY_FRACTION_BITS + PAUSE_SHIFT + drawn % len(OF_MEANS)
     return stream.case(name, codes, activity=(1 << bit) + 1)
 
@@ -696,11 +687,8 @@ def _halves(name: str, design: Design, vary: Vary, rng: np.random.Generator, dra
     # the first shift is 4: means that are 8 and any number of 16 units below the level
     levels = [LEVELS[count] for count in first]
     mean = [(level - 8) % 16 + 16 * int(rng.integers(30)) for level in levels]
-    stream = Stream(design)
-    stream.fill(first)
-    for _ in range(3):
-        stream.fill(_spread(30, design, rng))
-    stream.close()
+    others = (_spread(30, design, rng) for _ in range(3))
+    stream = Stream.showing(design, chain([first], others))
     shown = stream.shown_codes(mean)[:3]
     return stream.case(name, [shown[i % len(shown)] for i in range(design.places)], mean=mean)
 
@@ -712,8 +700,8 @@ def _clear(name: str, design: Design, vary: Vary, rng: np.random.Generator, draw
     counts = rng.integers(0, 6, (windows, design.slots)).tolist()
     design = _long_enough(design, counts, vary)
     stream = Stream.showing(design, counts)
-    codes = rng.integers(0, design.code_max + 1, (design.places, design.slots)).tolist()
-    for place, shown in zip(range(0, design.places, apart), stream.shown_codes(None), strict=False):
+    codes = _any_codes(design, rng)
+    for place, shown in zip(range(0, design.places, apart), stream.shown_codes(), strict=False):
         codes[place] = list(shown)
     activity = max(sum(map(sum, counts)) // windows, 1)
     return stream.case(name, codes, activity=activity << ACTIVITY_FRACTION_BITS)
@@ -724,7 +712,7 @@ def _far(name: str, design: Design, vary: Vary, rng: np.random.Generator, drawn:
     design = vary(design, places=int(rng.choice([4, 9])))
     counts = [_spread(20, design, rng) for _ in range(6)]
     stream = Stream.showing(_long_enough(design, counts, vary), counts)
-    codes = rng.integers(0, design.code_max + 1, (design.places, design.slots)).tolist()
+    codes = _any_codes(design, rng)
     biases = rng.integers(128, 256, design.places).tolist()
     return stream.case(name, codes, place_bias=biases)
 
@@ -734,7 +722,7 @@ def _full(name: str, design: Design, vary: Vary, rng: np.random.Generator, drawn
     counts = [[int(n) for n in rng.integers(0, 4, design.slots)] for _ in range(3)]
     counts[0][int(rng.integers(design.slots))] = design.count_max + 1
     stream = Stream.showing(_long_enough(design, counts, vary), counts)
-    codes = rng.integers(0, design.code_max + 1, (design.places, design.slots)).tolist()
+    codes = _any_codes(design, rng)
     return stream.case(name, codes)
 
 
@@ -759,7 +747,7 @@ def _times(name: str, design: Design, vary: Vary, rng: np.random.Generator, draw
             stream.slot(0, offset=tau - (1 << n) + int(rng.integers(-near, near)))
         stream.skip(int(rng.choice([1, 1, 1, 2, 3])))
     stream.close()
-    codes = rng.integers(0, design.code_max + 1, (design.places, design.slots)).tolist()
+    codes = _any_codes(design, rng)
     return stream.case(name, codes)
 
 
@@ -782,11 +770,6 @@ def _evenly(number: int, slots: Sequence[int], design: Design) -> list[int]:
     return counts
 
 
-def _with_log(log: int) -> int:
-    """Return the least number of events of a logarithm."""
-    return bisect_left(range(EVENTS_TOP), log, key=ilog)
-
-
 def _far_from(codes: Codes, design: Design, most: int = 200) -> Codes:
     """Return codes that are far from these, as far as there is room."""
     return next(far for steps in range(most, -1, -1) if (far := moved_by(design, codes, steps)))
@@ -806,11 +789,10 @@ def _leaps(name: str, design: Design, vary: Vary, rng: np.random.Generator, draw
     activity = int(events * 2.0 ** (44 / PARTS)) + 1
     # with it, the mean speed is between those by which this gain and the one below look at two
     log = 2 * (GAINS[number] - 16) + 44 + int(rng.integers(-6, 7))
-    stream = Stream(design)
-    stream.fill(_evenly(events, before, design))
-    stream.fill(_evenly(events, slow, design))
-    stream.fill(_evenly(int(activity * 2.0 ** (log / PARTS)), last, design))
-    stream.close()
+    stream = Stream.showing(design, [
+        _evenly(events, before, design), _evenly(events, slow, design),
+        _evenly(int(activity * 2.0 ** (log / PARTS)), last, design),
+    ])  # fmt: skip
     activity <<= ACTIVITY_FRACTION_BITS
     sums = _codes_of_sums(stream, activity)
     start, beyond = int(rng.integers(design.places)), 12 + design.exclusion
@@ -843,7 +825,7 @@ def _halts(name: str, design: Design, vary: Vary, rng: np.random.Generator, draw
         stream.fill(_evenly(number, pixels[4:8] if -50 < surplus < 0 else pixels[:4], design))
         mean = mean_activity_after(mean, number)
     stream.close()
-    shown = stream.shown_codes(None)
+    shown = stream.shown_codes()
     apart = sum(abs(a - b) for a, b in zip(shown[0], shown[-1], strict=True))
     # in a map of few places, what is between both spreads less
     most = (200, apart // 2)[drawn // 2 % 2]
@@ -865,10 +847,9 @@ def _speeds(name: str, design: Design, vary: Vary, rng: np.random.Generator, dra
     pixels, busy = rng.permutation(design.slots).tolist(), int(rng.integers(4, 9))
     groups, log = cycle((pixels[:busy], pixels[busy : 2 * busy])), ilog(17)
     surpluses = [-41, -15, 90, *[-12] * 3, *[0] * 60, *[40] * 6]
-    stream = Stream(design)
-    for surplus in surpluses:
-        stream.fill(_evenly(_with_log(log + surplus), next(groups), design))
-    stream.close()
+    numbers = (_with_log(log + surplus) for surplus in surpluses)
+    windows = (_evenly(number, next(groups), design) for number in numbers)
+    stream = Stream.showing(design, windows)
     activity = 17 << ACTIVITY_FRACTION_BITS
     seen = _codes_of_sums(stream, activity)
     codes = [_far_from(seen[1][0], design)] * design.places
@@ -889,11 +870,10 @@ def _bursts(name: str, design: Design, vary: Vary, rng: np.random.Generator, dra
     own, apart, busy = 127, design.places_per_window, int(0x10000 * 2 ** (2 / PARTS))
     log = ilog(busy if design.slots * design.count_max > busy else 600)
     mean = _with_log(log - own - 4)
-    pixels, stream = rng.permutation(design.slots).tolist(), Stream(design)
-    stream.fill(_evenly(mean, pixels[:8], design))
-    stream.fill(_evenly(_with_log(log), pixels, design))
-    stream.close()
-    first, last = stream.shown_codes(None)
+    pixels = rng.permutation(design.slots).tolist()
+    windows = [_evenly(mean, pixels[:8], design), _evenly(_with_log(log), pixels, design)]
+    stream = Stream.showing(design, windows)
+    first, last = stream.shown_codes()
     codes, step = [_far_from(last, design)] * design.places, len(BANK_COSTS[apart][0]) - 1
     place = int(rng.integers(design.places - step))
     codes[place], codes[place + step] = first, last
