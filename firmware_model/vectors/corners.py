@@ -66,16 +66,15 @@ def _event_designs(design: Design) -> dict[str, Design]:
         design, window="count", window_events=max(design.window_events, design.count_max + 9)
     )
     wider = 4 * (design.exclusion // 4 + 1)
-    longer = by_time
-    if not design.filters:
-        longer = replace(by_time, length=design.length + 9, places=design.places + 9)
     odd = next(p for p in range(2, design.slots + 3) if design.slots % p)
     return {
         "events_by_time": by_time,
         "events_by_count": by_count,
         "unfilled_lanes": replace(by_time, lanes=odd),
         "columns_above_511": replace(by_time, width=max(design.width, 1000), lookup_depth=0),
-        **({} if design.filters else {"sequence_longer_than_seen": longer}),
+        "sequence_longer_than_seen": replace(
+            by_time, length=design.length + 9, places=design.places + 9
+        ),
         "one_place": replace(by_time, places=1, length=1),
         "no_zone": replace(by_time, exclusion=0),
         "wider_zone": replace(by_time, exclusion=wider, places=design.places + 3 * wider),
