@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import struct
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple, Self
 
@@ -64,6 +64,11 @@ class Draft:
         self.tables[table] = self.tables[table].ljust(size, b"\0")
         return self
 
+    def clear(self, table: Table) -> Self:
+        """Set all of a table to zero, at the size that the header gives it."""
+        self.tables[table] = bytearray(table.size(self.words))
+        return self
+
     def pack(self) -> bytes:
         """Lay the tables out behind the header, and return the image with its checksum."""
         return pack(self.words, self.tables)
@@ -81,6 +86,10 @@ def base() -> Draft:
     """Draft an image of `BASE`."""
     places = [[(k + slot) % 4 for slot in range(BASE.slots)] for k in range(BASE.places)]
     return Draft(image(Memories(BASE, PIXELS, places)))
+
+
+def _named(changes: Mapping[str, int]) -> str:
+    return "_".join(f"{word}_{value}" for word, value in changes.items())
 
 
 def each(words: Callable[..., tuple[str, bytes]], word: str, *values: int) -> Named:
@@ -134,8 +143,7 @@ _SEQUENCES: dict[str, object] = {"matching": "sequence", "length": 2, "trust": 0
 
 
 def _adaptive_words(**changes: int) -> tuple[str, bytes]:
-    name = "_".join(f"{word}_{value}" for word, value in changes.items())
-    return f"adaptive_{name}", adaptive().header(**changes).pack()
+    return f"adaptive_{_named(changes)}", adaptive().header(**changes).pack()
 
 
 def accepted_adaptive() -> Named:
@@ -157,9 +165,7 @@ def accepted_adaptive() -> Named:
     yield "mean_at_its_limit", adaptive().poke(Table.MEAN, "H", 5, LEVEL_TOP).pack()
     wide = adaptive(code_bits=8)
     yield "eight_bits_of_contrast", wide.pack()
-    one = adaptive().header(code_bits=1)
-    one.tables[Table.PLACES][:] = bytes(len(one.tables[Table.PLACES]))
-    yield "one_bit_of_contrast", one.pack()
+    yield "one_bit_of_contrast", adaptive().header(code_bits=1).clear(Table.PLACES).pack()
 
 
 def _filter_of(pixels: int) -> Draft:
@@ -170,10 +176,8 @@ def _filter_of(pixels: int) -> Draft:
     )  # fmt: skip
     if pixels > 256:
         draft = _filter_of(256).header(pixels=pixels, stride=-(-pixels // ALIGNMENT) * ALIGNMENT)
-        row = draft.words[Word.STRIDE]
-        draft.tables[Table.PLACES][:] = bytes(draft.words[Word.PLACES] * row)
-        entry = Table.LOOKUP, "Q", pixels - 1, (pixels - 1) << 1 | (pixels - 1) << 32
-        return draft.poke(*entry)
+        last = pixels - 1
+        return draft.clear(Table.PLACES).poke(Table.LOOKUP, "Q", last, last << 1 | last << 32)
     every = [(x, 0) for x in range(pixels)]
     return Draft(image(Memories(design, every, [[0] * pixels] * design.places)))
 
@@ -277,18 +281,18 @@ def image_cases() -> list[ImageCase]:
     list of ImageCase
         Their names differ.
     """
-    accepted = [*_accepted_words(), *_accepted_tables(), *_at_products(), *accepted_adaptive()]
-    refused = [*_refused_words(), *refused_layouts(), *_refused_tables(), *_beyond_products()]
-    refused += _beyond_64_kib()
-    refused += refused_adaptive()
-    return [ImageCase(name, data, True) for name, data in accepted] + [
-        ImageCase(name, data, False) for name, data in refused
+    accepted = _accepted_words, _accepted_tables, _at_products, accepted_adaptive
+    refused = _refused_words, refused_layouts, _refused_tables, _beyond_products, refused_adaptive
+    return [
+        ImageCase(name, data, opens)
+        for kinds, opens in ((accepted, True), (refused, False))
+        for kind in kinds
+        for name, data in kind()
     ]
 
 
 def _words(**changes: int) -> tuple[str, bytes]:
-    name = "_".join(f"{word}_{value}" for word, value in changes.items())
-    return name, base().header(**changes).pack()
+    return _named(changes), base().header(**changes).pack()
 
 
 def _accepted_words() -> Named:
@@ -318,9 +322,7 @@ def _refused_words() -> Named:
     yield _words(height=2)
     yield from each(_words, "pixels", 5, 7, 16)
     yield _words(stride=8)
-    wider = base().header(stride=32)
-    wider.tables[Table.PLACES][:] = bytes(6 * 32)
-    yield "stride_32", wider.pack()
+    yield "stride_32", base().header(stride=32).clear(Table.PLACES).pack()
     yield from each(_words, "places", 1, 2, 7)
     yield _words(length=7)
     yield _words(exclusion=0x1_0000)
@@ -356,9 +358,7 @@ def _accepted_tables() -> Named:
     yield "seventeen_slots", one_pixel_draft(pixels=17, lookup_depth=32).pack()
     yield "shallowest_lookup", deep_draft(1).pack()
     yield "deepest_lookup", deep_draft(1 << 16).pack()
-    two = base().header(code_bits=1)
-    two.tables[Table.PLACES][:] = bytes(len(two.tables[Table.PLACES]))
-    yield "one_bit", two.pack()
+    yield "one_bit", base().header(code_bits=1).clear(Table.PLACES).pack()
 
 
 def _nobody(draft: Draft) -> Draft:
@@ -367,13 +367,6 @@ def _nobody(draft: Draft) -> Draft:
         if struct.unpack_from("<I", table, at)[0] == NOBODY:
             struct.pack_into("<I", table, at + 4, 0xFFFF_FFFF)
     return draft
-
-
-def _beyond_64_kib() -> Named:
-    """Yield images that are wrong only where an index has more than 16 bits."""
-    cut = deep_draft(1 << 14)
-    del cut.tables[Table.LOOKUP][64:]
-    yield "lookup_of_128_kib_cut", cut.pack()
 
 
 def _refused_tables() -> Named:
@@ -404,9 +397,7 @@ def _refused_tables() -> Named:
     extra = base().poke(displacement, "H", 4, empty)
     struct.pack_into("<II", extra.tables[lookup], 8 * empty, 4 << 17, 3)
     yield "one_pixel_too_many", extra.pack()
-    nothing = base().header(code_bits=0)
-    nothing.tables[Table.PLACES][:] = bytes(len(nothing.tables[Table.PLACES]))
-    yield "no_code_but_zero", nothing.pack()
+    yield "no_code_but_zero", base().header(code_bits=0).clear(Table.PLACES).pack()
     for name, at in {"first": 0, "last": 5 * 16 + 5}.items():
         yield f"{name}_place_beyond", base().poke(Table.PLACES, "B", at, 4).pack()
     for name, at in {"first": 6, "last": 6 * 16 - 1}.items():
@@ -431,6 +422,10 @@ def _beyond_products() -> Named:
     )
     places = one_pixel_draft().grow(Table.PLACES, 16 * 0x1_0000).header(places=0x1_0000)
     yield "places_beyond", places.pack()
+    # wrong only where an index has more than 16 bits
+    cut = deep_draft(1 << 14)
+    del cut.tables[Table.LOOKUP][64:]
+    yield "lookup_of_128_kib_cut", cut.pack()
 
 
 def _product(pixels: int, code_bits: int, length: int) -> bytes:
