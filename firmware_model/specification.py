@@ -590,8 +590,6 @@ class Machine:
     ----------
     start : int
         Time at which the first window opens; only its lower `timestamp_bits` matter, as of events.
-    begin : Kept, optional
-        What is kept of the windows before; by default there were none.
 
     Attributes
     ----------
@@ -611,9 +609,9 @@ class Machine:
         Of the last window, of the place filter: distances of each sum, and what followed.
     """
 
-    def __init__(self, memories: Memories, start: int = 0, begin: Kept | None = None) -> None:
+    def __init__(self, memories: Memories, start: int = 0) -> None:
         self.memories, self.design = memories, memories.design
-        self.kept = begin or Kept.of(memories)
+        self.kept = Kept.of(memories)
         self.counts, self.counted, self.events = [0] * self.design.slots, 0, 0
         self.end = (start + self.design.tau_us) % (1 << self.design.timestamp_bits)
         self.history: list[list[int]] = []

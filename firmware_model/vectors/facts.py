@@ -12,7 +12,6 @@ from itertools import chain
 from typing import Any, NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
 from firmware_model import specification
 from firmware_model.design import (
@@ -67,7 +66,6 @@ from fixedpoint.own_mean import (
     MEAN_FRACTION_BITS,
 )
 
-_Array = npt.NDArray[np.int64]
 #: bits of a mean number of events, but for those that change a pause alone
 _MEAN_BITS = range(ACTIVITY_FRACTION_BITS + PAUSE_SHIFT, 31)
 _ROWS = range(len(BANK_COSTS[1]))
