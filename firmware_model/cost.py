@@ -127,17 +127,12 @@ def cycles(design: Design) -> Cycles:
 def encoding_cycles(design: Design) -> int:
     """Count the clock cycles of encoding a window: one a slot.
 
-    Contrast codes take a second pass over the slots, behind the division for the mean of the first.
-    With several gains, each sum of windows is encoded.
+    Contrast codes take a second pass over the slots, behind the division for the mean of the first:
+    a bit a cycle, and the sign's. With several gains, each sum of windows is encoded.
     """
     if not design.contrast:
         return design.slots
-    return design.sums * (2 * design.slots + window_mean_cycles(design))
-
-
-def window_mean_cycles(design: Design) -> int:
-    """Count the clock cycles of the division of contrast codes: a bit a cycle, and the sign's."""
-    return formats_of(design)["level"].width + 1
+    return design.sums * (2 * design.slots + formats_of(design)["level"].width + 1)
 
 
 class FilterCycles(NamedTuple):

@@ -42,7 +42,10 @@ def constants(design: Design) -> dict[str, int]:
         "CONTRAST": int(design.contrast),
         "FILTER": int(design.filters),
         "STEPS": design.steps,
-        "STEP_COSTS": _costs(design.step_costs),
+        # the first step of the first row in the lowest bits
+        "STEP_COSTS": sum(
+            cost << at * COST_BITS for at, cost in enumerate(chain(*design.step_costs))
+        ),
         "RESTART": design.restart << FRACTION_BITS,
         "REACH": REACH if design.places_per_window == 2 else 0,
         "DESIGN_CRC": zlib.crc32(design.to_toml().encode("utf-8")),
@@ -74,11 +77,6 @@ def package_with(values: Mapping[str, int]) -> str:
         shown = f"{bits}'h{value:x}" if bits > 64 else f"{size}{value}"
         text = f"{text[: match.start()]}{match[1]}{shown};{text[match.end() :]}"
     return text
-
-
-def _costs(rows: tuple[tuple[int, ...], ...]) -> int:
-    """Pack the table of step costs, the first step of the first row in the lowest bits."""
-    return sum(cost << at * COST_BITS for at, cost in enumerate(chain(*rows)))
 
 
 # Boards with open tools: top module, pins, and the commands for synthesis and placement.

@@ -40,15 +40,8 @@ def text_of(name: str) -> str:
     return (FOLDER / name).read_text(encoding="ascii")
 
 
-def copy_sources(folder: Path, names: Sequence[str]) -> list[str]:
-    """Copy source files into a new folder.
-
-    Returns
-    -------
-    list of str
-        Names of the copied files.
-    """
+def copy_sources(folder: Path, names: Sequence[str]) -> None:
+    """Copy source files into a new folder."""
     folder.mkdir()
     for name in names:
         shutil.copyfile(FOLDER / name, folder / name)
-    return list(names)

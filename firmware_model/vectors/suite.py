@@ -8,7 +8,7 @@ from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 from importlib.metadata import version
-from itertools import chain, pairwise
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -129,10 +129,6 @@ def word_tables(case: Case, done: Trace) -> dict[str, Table]:
     return packed
 
 
-def _match_columns(design: Design) -> tuple[str, ...]:
-    return MatchResult._fields if design.filters else MatchResult._fields[:-1]
-
-
 def csv_files(case: Case, done: Trace) -> dict[str, str]:
     """Return the tables of a case and of its results as CSV text; -1 stands for an absent value."""
     slots = range(case.design.slots)
@@ -140,6 +136,7 @@ def csv_files(case: Case, done: Trace) -> dict[str, str]:
     for kind, values in records(in_order(done)):
         numbered[kind].append(tuple(-1 if value == NONE else value for value in values))
     window = ("window", "events", *(f"slot_{slot}" for slot in slots))
+    match = MatchResult._fields if case.design.filters else MatchResult._fields[:-1]
     files = {}
     if done.states:
         states = [tuple(-1 if v is None else int(v) for v in state) for state in done.states]
@@ -152,7 +149,7 @@ def csv_files(case: Case, done: Trace) -> dict[str, str]:
         "places.csv": formats.csv_text([f"slot_{slot}" for slot in slots], case.memories.places),
         "expected_events.csv": formats.csv_text(("event", "slot", "count"), numbered["event"]),
         "expected_windows.csv": formats.csv_text(window, numbered["window"]),
-        "expected_matches.csv": formats.csv_text(_match_columns(case.design), numbered["match"]),
+        "expected_matches.csv": formats.csv_text(match, numbered["match"]),
     }
 
 
@@ -313,15 +310,10 @@ def write_suites(
     ------
     VectorError
         If the folder is not empty.
-    DesignError
-        If the hardware core does not follow a case's design.
     """
     folder = Path(folder)
     if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
         raise VectorError(f"{folder} is not an empty folder: name a new one")
-    if rtl:  # a design that the core does not follow is refused before anything is written
-        for case in chain.from_iterable(suites.values()):
-            package(case.design)
     folder.mkdir(parents=True, exist_ok=True)
     design.save(folder / "design.toml")
     (folder / README).write_text(_README, encoding="ascii")
@@ -337,12 +329,14 @@ def write_suites(
         for entry in described:
             total.update(entry.coverage)
         written.append(SuiteEntry(suite, dict(total), tuple(described)))
+    if rtl:
+        copy_sources(folder / RTL_FOLDER, SIMULATED)
     manifest = Manifest(
         versions={"edge-vpr": version("edge-vpr")},
         seed=seed,
         corners=CORNERS | ALL,
         design=design,
-        rtl=tuple(copy_sources(folder / RTL_FOLDER, SIMULATED)) if rtl else (),
+        rtl=SIMULATED if rtl else (),
         suites=tuple(written),
     )
     (folder / MANIFEST).write_text(
