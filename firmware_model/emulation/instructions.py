@@ -146,7 +146,6 @@ def measure(target: Target, folder: str | Path) -> Instructions:
     """
     emulator = Emulator(target, build(target, folder, files=(*FIRMWARE, "probe.c"), name="probed"))
     run = FirmwareRun(emulator, _memories(DESIGN))
-    ended, matched = run.match(DESIGN.length)
     structures = run.count("probe_struct_bytes")[0]
     pixels = choose_pixels(DESIGN)
     selected = [(1, x, y, on) for x, y in pixels for on in (True, False)]
@@ -163,14 +162,10 @@ def measure(target: Target, folder: str | Path) -> Instructions:
     row = stride(DESIGN)
     rows = (emulator.put(bytes(range(row))), emulator.put(bytes(reversed(range(row)))))
     distance = run.count("probe_sad", *rows, row)[1]
-    per_place = _per_place(emulator, DESIGN, DESIGN.length, matched)
-    contrast, filtered = FirmwareRun(emulator, _memories(FILTER)).match(_WINDOWS)
-    filter_per_place = _per_place(emulator, FILTER, _WINDOWS, filtered)
-    half = replace(FILTER, places_per_window=2)
-    matched_half = FirmwareRun(emulator, _memories(half)).match(_WINDOWS)[1]
-    half_per_place = _per_place(emulator, half, _WINDOWS, matched_half)
-    gains, matched_gains = FirmwareRun(emulator, _memories(GAINS)).match(_WINDOWS)
-    gains_per_place = _per_place(emulator, GAINS, _WINDOWS, matched_gains)
+    ended, matched, per_place = _match_of(emulator, DESIGN)
+    contrast, filtered, filter_per_place = _match_of(emulator, FILTER)
+    _, _, half_per_place = _match_of(emulator, replace(FILTER, places_per_window=2))
+    gains, matched_gains, gains_per_place = _match_of(emulator, GAINS)
     alone = Emulator(target, build(target, folder, files=("vpr.c",), name="alone"))
     return Instructions(
         target=target.name,
@@ -198,11 +193,14 @@ def measure(target: Target, folder: str | Path) -> Instructions:
     )
 
 
-def _per_place(emulator: Emulator, design: Design, windows: int, whole: int) -> int:
-    """Count what a further place adds to a match, from a map of half as many."""
+def _match_of(emulator: Emulator, design: Design) -> tuple[int, int, int]:
+    """Count a window's end and its match, and what a further place adds to a match."""
     half = replace(design, places=design.places // 2)
-    fewer = FirmwareRun(emulator, _memories(half)).match(windows)[1]
-    return -(-(whole - fewer) // (design.places - half.places))
+    windows = _WINDOWS if design.filters else design.length
+    (ended, whole), (_, fewer) = (
+        FirmwareRun(emulator, _memories(one)).match(windows) for one in (design, half)
+    )
+    return ended, whole, -(-(whole - fewer) // (design.places - half.places))
 
 
 def _memories(design: Design) -> Memories:
