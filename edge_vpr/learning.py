@@ -290,17 +290,10 @@ def _better_places(
     for first in range(0, len(windows), 64):
         part = slice(first, first + 64)
         rows, own = index.rows(windows.counts[part]), place[part, None]
-        beats = (rows < np.take_along_axis(rows, own, axis=1)) & _outside(k, own, exclusion)
-        share[part] = beats.mean(axis=1)
+        begin, end = plain(exclusion_zone)(own, exclusion)
+        beats = rows < np.take_along_axis(rows, own, axis=1)
+        share[part] = (beats & ((k < begin) | (k >= end))).mean(axis=1)
     return share
-
-
-def _outside(
-    place: npt.NDArray[np.int64], best: npt.NDArray[np.int64], exclusion: int
-) -> npt.NDArray[np.bool_]:
-    """Return which places lie outside the exclusion zone of another."""
-    first, end = plain(exclusion_zone)(best, exclusion)
-    return np.asarray((place < first) | (place >= end))
 
 
 def _mean_near(values: npt.NDArray[Any], reach: int) -> npt.NDArray[np.float64]:

@@ -122,14 +122,13 @@ class DescriptorLink(Link):
 
     def read(self, timeout: float) -> bytes:
         """See `Link.read`."""
-        try:
+        with as_link_error(self.address):
             if not select.select([self._fd], [], [], timeout)[0]:
                 return b""
-            size = os.readv(self._fd, [self._buffer])
-        except BlockingIOError:
-            return b""
-        except (OSError, ValueError) as error:
-            raise _link_error(self.address, error) from error
+            try:
+                size = os.readv(self._fd, [self._buffer])
+            except BlockingIOError:
+                return b""
         if not size:
             raise LinkClosed(f"{self.address} has ended")
         return bytes(self._buffer[:size])
@@ -164,14 +163,9 @@ def as_link_error(address: str) -> Iterator[None]:
     try:
         yield
     except (OSError, ValueError) as error:
-        raise _link_error(address, error) from error
-
-
-def _link_error(address: str, error: Exception) -> LinkError:
-    """Return what an error of the system means for a link."""
-    # select raises ValueError for a closed descriptor
-    kind = LinkClosed if isinstance(error, (ConnectionError, ValueError)) else LinkError
-    return kind(f"{address}: {error}: check that the other side is there")
+        # select raises ValueError for a closed descriptor
+        kind = LinkClosed if isinstance(error, (ConnectionError, ValueError)) else LinkError
+        raise kind(f"{address}: {error}: check that the other side is there") from error
 
 
 # Links over serial ports.
@@ -442,10 +436,10 @@ def open_link(address: str, *, baud: int = 115_200, flow_control: bool = False) 
         host, port = host_port(address)
         try:
             return TcpLink(address, socket.create_connection((host, port), timeout=5))
-        except (ConnectionError, TimeoutError) as error:
-            raise LinkAbsent(f"{address}: {error}: check that the other side is there") from error
         except OSError as error:
-            raise _link_error(address, error) from error
+            absent = isinstance(error, ConnectionError | TimeoutError)
+            kind = LinkAbsent if absent else LinkError
+            raise kind(f"{address}: {error}: check that the other side is there") from error
     if address.startswith("udp://"):
         return UdpHostLink(*host_port(address))
     path = Path(address)

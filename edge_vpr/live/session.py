@@ -315,7 +315,7 @@ class LiveSession:
         self._closed = True
         with self.files.work:
             self._end()
-            self.files.make_map(self.reference, self._say)
+            self.files.make_map(self.reference)
 
     # -- matches
 

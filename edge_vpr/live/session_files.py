@@ -281,7 +281,7 @@ class SessionFiles:
         if self._state_file is not None:
             self._state_file.release()
 
-    def make_map(self, prior: ReferenceMap | None, say: Callable[..., None]) -> None:
+    def make_map(self, prior: ReferenceMap | None) -> None:
         """Write the map of the drive, unless nothing came; if it makes none, the drive is kept.
 
         Parameters
@@ -289,8 +289,6 @@ class SessionFiles:
         prior : ReferenceMap or None
             Map of the session. It learns the drive, if the settings have its windows, pixels and
             codes; else the map is new.
-        say : callable
-            Takes the kind and the text of a message.
         """
         drive, target = self._drive, self._learn
         if drive is None or target is None or not drive.exists():
@@ -316,7 +314,7 @@ class SessionFiles:
             drive.unlink()
         finally:
             if drive.exists():
-                _keep(drive, target, odometry, say, learns=learns)
+                _keep(drive, target, odometry, self._say, learns=learns)
         self.learnt, self.update = made, update
 
     def _give_up_failed(self) -> None:
