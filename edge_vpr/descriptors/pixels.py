@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
+from edge_vpr.archive import EqualByValue
 from edge_vpr.compiling import kernel
 from edge_vpr.descriptors.cleaning import load_pixels
 from edge_vpr.descriptors.windows import (
@@ -38,8 +39,8 @@ REJECTION_RADIUS = 7
 MAX_SENSOR_PIXELS = 1 << 25
 
 
-@dataclass(frozen=True)
-class PixelMap:
+@dataclass(frozen=True, eq=False)
+class PixelMap(EqualByValue):
     """The J selected pixels of a sensor; slot j of a descriptor counts pixel ``(x[j], y[j])``.
 
     >>> two = PixelMap(Sensor(4, 4), x=np.array([1, 2]), y=np.array([0, 3]))
@@ -87,16 +88,6 @@ class PixelMap:
 
     def __repr__(self) -> str:
         return f"PixelMap({len(self)} pixels of {self.sensor})"
-
-    def __eq__(self, other: object) -> bool:
-        return (
-            isinstance(other, PixelMap)
-            and self.sensor == other.sensor
-            and np.array_equal(self.x, other.x)
-            and np.array_equal(self.y, other.y)
-        )
-
-    __hash__ = None  # type: ignore[assignment]  # holds arrays
 
     def table(self) -> npt.NDArray[np.int16 | np.int32]:
         """Look-up from pixel to slot.
