@@ -393,10 +393,6 @@ class Transitions:
             per_window = max(self.spacing_mm, 1) * costs.places_per_window
             self._rate = (OFF_BY_A_WINDOW << FRACTION_BITS << RATE_BITS) // per_window
 
-    def check_odometry(self) -> None:
-        """Raise UsageError if the map has no distances between its places."""
-        self._checked_along()
-
     def by_distance(self, metric: Metrics, travelled_mm: int, *, back: bool = False) -> Metrics:
         """Return the cost of each place after a driven distance, shape (K,).
 
@@ -407,7 +403,7 @@ class Transitions:
         back : bool
             Return the cost of each place before the distance instead.
         """
-        along = self._checked_along()
+        along = self.check_odometry()
         if back:  # the same distance on the route in the opposite direction
             metric, along = np.ascontiguousarray(metric[::-1]), along[-1] - along[::-1]
         predicted = predict_by_distance(
@@ -449,7 +445,7 @@ class Transitions:
 
     def following(self, place: int, travelled_mm: int) -> npt.NDArray[np.bool_]:
         """Return which places are reachable over a distance without a restart, shape (K,)."""
-        along, travelled = self._checked_along(), _limited(travelled_mm)
+        along, travelled = self.check_odometry(), _limited(travelled_mm)
         off = np.abs(along - along[place] - travelled)
         return np.asarray((off * self._rate) >> RATE_BITS < self.table.restart_cost)
 
@@ -459,7 +455,8 @@ class Transitions:
             return 0 <= next_place - place < len(self.table.costs)
         return bool(self.following(place, travelled_mm)[next_place])
 
-    def _checked_along(self) -> npt.NDArray[np.int64]:
+    def check_odometry(self) -> npt.NDArray[np.int64]:
+        """Return the distance of each place; raise UsageError if the map has none that differ."""
         if self._along is None:
             raise UsageError(
                 "the map does not say how far its places are from each other: make it with the "
