@@ -98,9 +98,9 @@ class Browser:
             assert time.monotonic() < end, f"{expression}: {self.value('document.body.innerText')}"
             time.sleep(0.05)
 
-    def screenshot(self, path: Path, *, whole: bool = True) -> None:
-        """Save the page, or what of it fits the window, as PNG."""
-        answer = self.call("Page.captureScreenshot", captureBeyondViewport=whole)
+    def screenshot(self, path: Path) -> None:
+        """Save the whole page as PNG."""
+        answer = self.call("Page.captureScreenshot", captureBeyondViewport=True)
         path.write_bytes(base64.b64decode(answer["data"]))
 
     def pdf(self) -> bytes:

@@ -97,7 +97,7 @@ def running_codes(reference: ReferenceMap, counted: Rows, newest: Rows) -> list[
 
 
 def drive_of(
-    reference: ReferenceMap, coded: Sequence[Rows], events: list[int], unseen: Sequence[int] = ()
+    reference: ReferenceMap, coded: Sequence[Rows], events: list[int], unseen: Sequence[int]
 ) -> list[Window]:
     """Match windows by the filter, without odometry."""
     places = reference.places.counts.tolist()

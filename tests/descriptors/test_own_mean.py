@@ -94,8 +94,8 @@ def test_the_running_mean_equals_the_oracle(levels, mean):
     assert min([mean, *levels]) - 1 <= running.mean[0] <= max([mean, *levels]) + 1
 
 
-def drive_codes(levels, pauses, bits, contrast=True):
-    """Codes of a recorded drive, against the means of its windows that do not pause.
+def drive_codes(levels, pauses, contrast=True):
+    """Codes of three bits of a recorded drive, against the means of its windows that do not pause.
 
     If all of them pause, all count. `levels` are by window, in units of 1/256 octave.
     """
@@ -109,7 +109,7 @@ def drive_codes(levels, pauses, bits, contrast=True):
     for row in levels:
         differences = differences_of(row, means)
         shared = window_mean(differences) if contrast else 0
-        codes.append([own_mean_code(one - shared, bits) for one in differences])
+        codes.append([own_mean_code(one - shared, 3) for one in differences])
     return codes
 
 
@@ -128,7 +128,7 @@ def test_a_recorded_drive_is_coded_against_its_own_mean(seed, windows):
     for number, coded in zip(SUMS, (own.counts, *own.summed.swapaxes(0, 1)), strict=True):
         sums = [counts[max(w - number + 1, 0) : w + 1].sum(axis=0) for w in range(windows)]
         levels = [[level_of(min(c, 1023)) for c in row] for row in sums]
-        assert coded.tolist() == drive_codes(levels, paused, 3)
+        assert coded.tolist() == drive_codes(levels, paused)
     one_gain = encode(descriptors(counts), code, mean_activity, 1)
     assert np.array_equal(one_gain.counts, own.counts) and one_gain.summed is None
 

@@ -120,11 +120,11 @@ def folder(tmp_path_factory):
     return tmp_path_factory.mktemp("evpr")
 
 
-def built_for_host(folder, sources=SOURCES, name="evpr", options=()):
+def built_for_host(folder, name="evpr", options=()):
     # what is undefined behaviour ends the program
     trap = ("-fsanitize=undefined", "-fsanitize-trap=undefined")
     main = "evpr_drive_main.c"
-    return build(HOST, folder, sources=sources, files=FILES, program=main, name=name,
+    return build(HOST, folder, sources=SOURCES, files=FILES, program=main, name=name,
                  options=(*trap, *options))  # fmt: skip
 
 
@@ -301,8 +301,8 @@ CORNERS = [
 ]
 
 
-def corner_scripts(each=1):
-    for seed, setup in enumerate(CORNERS * each):
+def corner_scripts():
+    for seed, setup in enumerate(CORNERS):
         yield setup, random_script(np.random.default_rng(seed), 900, setup)
 
 

@@ -91,9 +91,9 @@ def told(case: Case) -> bytes:
     return to_binary(records(in_order(case.trace())))
 
 
-def emulated(emulator: Emulator, case: Case, out_words: int = OUT_WORDS) -> bytes:
+def emulated(emulator: Emulator, case: Case) -> bytes:
     flash, ram = image(case.memories), ram_bytes(case.design)
-    return emulator.replay(flash, case.event_bytes(), case.start, ram, out_words=out_words)
+    return emulator.replay(flash, case.event_bytes(), case.start, ram, out_words=OUT_WORDS)
 
 
 @pytest.fixture(scope="session", params=EMULATED, ids=lambda target: target.name)

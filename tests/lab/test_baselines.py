@@ -22,9 +22,9 @@ BUILT_IN = [
 ]
 
 
-def places_of(rng, n=12, height=128, width=128):
+def places_of(rng, n=12):
     """Images of places, each with a pattern of its own."""
-    rough = rng.gamma(0.6, 6.0, (n, height // 4, width // 4))
+    rough = rng.gamma(0.6, 6.0, (n, 32, 32))
     return rng.poisson(rough.repeat(4, axis=1).repeat(4, axis=2)).astype(np.uint16)
 
 

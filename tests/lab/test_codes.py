@@ -115,7 +115,7 @@ def test_own_means_are_those_of_each_drive_where_it_moves(seed, windows):
         assert windows_of.selected_events.tolist() == counts.sum(axis=1).tolist()
         paused = find_pauses(counted, mean_of_query(counted, activity)).tolist()
         levels = [[level_of(c) for c in row] for row in counts.tolist()]
-        assert windows_of.counts.tolist() == drive_codes(levels, paused, 3, contrast=False)
+        assert windows_of.counts.tolist() == drive_codes(levels, paused, contrast=False)
 
 
 def test_other_light_moves_the_mean_and_not_the_codes_and_another_speed_does():

@@ -53,9 +53,9 @@ DEVICES = (
 )
 
 
-def sent_by(pieces: Events | Iterable[Events], sensor: Sensor, device: str = "evpr") -> bytes:
-    """What a device sends of events, or of pieces of them, from its opening on."""
-    encoder = open_encoder(device, sensor)
+def sent_by(pieces: Events | Iterable[Events], sensor: Sensor) -> bytes:
+    """What a device of EVPR sends of events, or of pieces of them, from its opening on."""
+    encoder = open_encoder("evpr", sensor)
     parts = [pieces] if isinstance(pieces, Events) else pieces
     return encoder.start() + b"".join(map(encoder.encode, parts))
 

@@ -357,10 +357,10 @@ def random_map(rng, places, steps, along):
     return Transitions(places, steps, seen, along, typical, 2), page
 
 
-def drive_through(places: int, path: list[int], rng, noise: int = 2) -> np.ndarray:
+def drive_through(places: int, path: list[int], rng) -> np.ndarray:
     """Distances of a drive: 0 at the true place, and about 20 elsewhere."""
     distances = rng.integers(15, 25, (len(path), places))
-    distances[np.arange(len(path)), path] = rng.integers(0, noise + 1, len(path))
+    distances[np.arange(len(path)), path] = rng.integers(0, 3, len(path))
     return distances
 
 

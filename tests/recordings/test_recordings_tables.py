@@ -296,9 +296,9 @@ def test_a_sensor_is_never_guessed(tmp_path):
 # --- headers, units and orders of other programs ---------------------------------------------
 
 
-def rows_written(n=2_000, seed=0):
+def rows_written(n=2_000):
     """Events of 10,000 a second, as of a small sensor, in whole microseconds."""
-    rng = np.random.default_rng(seed)
+    rng = np.random.default_rng(0)
     t = np.sort(rng.integers(0, n * 100, n)) + 91
     return t, rng.integers(0, 64, n), rng.integers(0, 48, n), rng.integers(0, 2, n)
 

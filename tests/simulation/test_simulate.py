@@ -217,8 +217,8 @@ def empty_scene(length_m=60):
     )
 
 
-def seen_from(scene, position_m, drive=STILL_IMAGE, camera=QUIET):
-    view = View(camera, drive, illuminate(scene, drive.light))
+def seen_from(scene, position_m, drive=STILL_IMAGE):
+    view = View(QUIET, drive, illuminate(scene, drive.light))
     frame = np.zeros((1, *view.shape), np.float32)
     view.render(np.array([float(position_m)]), frame)
     return view, frame[0]

@@ -160,7 +160,8 @@ def test_thresholds_spread_from_pixel_to_pixel_and_belong_to_the_device():
         assert abs(thresholds.std() - 0.03) < 0.002
 
 
-def noise_of(camera, duration_us=20_000_000, stretch_us=100_000):
+def noise_of(camera, duration_us=20_000_000):
+    stretch_us = 100_000
     noise = Noise(camera, seed=5, device=2, duration_us=duration_us)
     stretches = [
         noise.between(number, start, start + stretch_us)

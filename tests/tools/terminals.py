@@ -77,7 +77,7 @@ class Terminal:
             rows = [self._screen.buffer[row] for row in range(self._screen.lines)]
             return [[(row[x].data, row[x].fg, row[x].bold) for x in columns] for row in rows]
 
-    def wait_for(self, *texts, without="\0", seconds=120, **colours):
+    def wait_for(self, *texts, without="\0", **colours):
         """Wait until the screen shows all texts at once, and of each colour that text.
 
         Parameters
@@ -85,7 +85,7 @@ class Terminal:
         without : str
             A text that it does not show.
         """
-        end = time.monotonic() + seconds
+        end = time.monotonic() + 120
         while True:
             with self._lock:
                 shown = "\n".join(self._screen.display)
