@@ -75,7 +75,7 @@ def show_design(
     estimates: Mapping[Target, DesignOnTarget],
     at_rates: Mapping[Target, Mapping[float, Cost]],
     rate_is: str,
-    budgets: Sequence[Budget] = (),
+    budgets: Sequence[Budget],
 ) -> None:
     """Print what a match of a design takes on each target, against the rate of events.
 
@@ -118,7 +118,7 @@ def show_design(
         text += " Within the limits."
     if len(estimates) == 1:
         text += _of_one(next(iter(estimates)), of)
-    say(text, width=WIDTH)
+    _say(text)
 
 
 def _energies(estimates: Collection[DesignOnTarget]) -> str:

@@ -14,12 +14,11 @@ from typing import NamedTuple
 
 from edge_vpr.recordings.reading import EventSource
 from edge_vpr.simulation import REFERENCE, simulate_pair
-from lab.drives import event_drives
+from lab.drives import LENGTH_M, event_drives
 from lab.loop import Draw, Drives, Experiment, Row
 from lab.pairs import SIMULATED, Pair
 from lab.variants import Variant
 
-LENGTH_M = 450.0
 #: speeds of the query as multiples of the reference's
 SPEEDS = (0.5, 1.0, 1.7, 2.0, 4.0)
 VARIANTS = tuple(

@@ -123,7 +123,7 @@ def measure(draw: Draw) -> Iterator[Row]:
 
 def drives(data: Path | None) -> list[Drives]:
     """Return streets, and the pairs of published bags in a folder, which have frames."""
-    declared = [Drives(SIMULATED, lambda seed: simulated_frames(seed), varied=True)]
+    declared = [Drives(SIMULATED, simulated_frames, varied=True)]
     for pair in published_pairs(data, ("bag",)) if data is not None else ():
         declared.append(Drives(pair.name, lambda seed, pair=pair: published_frames(pair)))  # type: ignore[misc]
     return declared

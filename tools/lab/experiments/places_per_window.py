@@ -22,15 +22,14 @@ from edge_vpr.evaluation.metrics import evaluate
 from edge_vpr.matching.matches import Matches
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.settings import PRESETS
-from lab.drives import WALKS, street_pairs, walks
+from lab.drives import FIRST_SEED, LENGTH_M, WALKS, street_pairs, walks
 from lab.loop import Draw, Drives, Experiment, Row
 from lab.nulls import null_queries
 from lab.pairs import MappedPair, Pair, truths_of_tracks
 from lab.spliced import carried_off, without_places
 from lab.tables import TableView
 
-LENGTH_M, TOLERANCES_M = 450.0, (10.0, 20.0)
-FIRST_SEED = 70
+TOLERANCES_M = (10.0, 20.0)
 #: twice as many places of half as many pixels take as many bytes
 PIXELS = (12, 25, 75, 150)
 PRECISION = 0.99

@@ -18,7 +18,7 @@ import numpy.typing as npt
 
 from edge_vpr.descriptors.counting import count_windows
 from edge_vpr.descriptors.pixels import PixelMap
-from edge_vpr.descriptors.windows import Descriptors, narrow
+from edge_vpr.descriptors.windows import narrow
 from edge_vpr.drive_inputs import opened
 from edge_vpr.evaluation.ground_truth import GroundTruth
 from edge_vpr.evaluation.metrics import evaluate
@@ -162,8 +162,10 @@ def troubled(seed: int) -> Iterator[Trouble]:
             for fault, change in FAULTS.items():
                 rng = np.random.default_rng((seed, len(fault)))
                 changed = change(counts, route.pixel_map, rng)
-                faulty = replace(pair, counted=_with(pair.counted, changed))
-                yield Trouble(fault, [faulty], tracks)
+                counted = replace(
+                    pair.counted, counts=narrow(changed), selected=changed.sum(axis=1)
+                )
+                yield Trouble(fault, [replace(pair, counted=counted)], tracks)
             turned = count_windows(drive, _turned(route.pixel_map, 2), route.settings)
             faulty = replace(pair, counted=turned)
             yield Trouble("the camera is turned by 2 pixels", [faulty], tracks)
@@ -206,10 +208,6 @@ def _nowhere(places: Counts, windows: Counts) -> GroundTruth:
     """Return the truth of a drive through another street: no place is correct."""
     correct = np.zeros((len(places), len(windows)), dtype=np.bool_)
     return GroundTruth(correct, np.ones(len(windows), dtype=np.bool_), "another street")
-
-
-def _with(windows: Descriptors, counts: Counts) -> Descriptors:
-    return replace(windows, counts=narrow(counts), selected=counts.sum(axis=1))
 
 
 def measure(draw: Draw) -> Iterator[Row]:

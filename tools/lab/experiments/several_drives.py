@@ -26,17 +26,11 @@ from edge_vpr.recordings.reading import EventSource
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.settings import PRESETS, Settings
 from edge_vpr.simulation import simulate_pair
-from lab.drives import (
-    BRISBANE,
-    BRISBANE_M,
-    STREETS,
-    second_drive,
-)
+from lab.drives import BRISBANE, BRISBANE_M, DAY, LENGTH_M, STREETS, second_drive
 from lab.loop import Draw, Drives, Experiment, Row
 from lab.pairs import TOLERANCE_M, MappedPair, truth_of_tracks
 from lab.tables import TableView
 
-LENGTH_M = 450.0
 FIRST_SEED = 80
 PIXELS = (25, 150)
 LIGHTS: Mapping[str, str] = {
@@ -44,7 +38,6 @@ LIGHTS: Mapping[str, str] = {
     "in low sun": "street, low sun",
     "at noon": "street, noon",
 }
-DAYTIME = "brisbane_daytime"
 MATCHING, TRACKS = "by matching", "by tracks"
 
 
@@ -96,7 +89,7 @@ def open_brisbane(data: Path, seed: int) -> Drive:
     """Open the drives of Brisbane, the first half of one by day and two at sunset."""
     sunset, again, by_day = (
         Logged(PublishedWindows(data / f"{name}.npz"), load_track(data / f"{name}.nmea"))
-        for name in (f"{BRISBANE}/sunset2", f"{BRISBANE}/sunset1", f"{DAYTIME}/daytime_first_half")
+        for name in (f"{BRISBANE}/sunset2", f"{BRISBANE}/sunset1", f"{DAY}/daytime_first_half")
     )
     changes = {"pixels": 49, "strategy": "top"}
     return Drive(
@@ -113,7 +106,7 @@ def open_brisbane(data: Path, seed: int) -> Drive:
 def drives(data: Path | None) -> list[Drives]:
     """Return the streets, and the drives of Brisbane if they are in a folder."""
     routes = [Drives(f"streets of {LENGTH_M:g} m", open_street, varied=True)]
-    folders = [data / name for name in (BRISBANE, DAYTIME)] if data is not None else []
+    folders = [data / name for name in (BRISBANE, DAY)] if data is not None else []
     if data is not None and all(folder.is_dir() for folder in folders):
         opened = partial(open_brisbane, data)
         routes.append(Drives("Brisbane, 49 px", opened, drawn=False))
