@@ -115,6 +115,11 @@ def from_first(events: Events) -> Events:
     return shifted
 
 
+def read_events(path, **options) -> Events:
+    """All events of a recording."""
+    return join_events(list(open_recording(path, **options)))
+
+
 def absolute(path, **options) -> tuple[Events, Recording]:
     """Events of a recording with times on the file's own clock, and the recording."""
     recording = open_recording(path, **options)

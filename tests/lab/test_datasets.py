@@ -24,9 +24,8 @@ from edge_vpr.evaluation.ground_truth import from_tracks
 from edge_vpr.evaluation.tracks import great_circle
 from edge_vpr.events import EVENT_DTYPE, Sensor, make_events
 from tests import naive
-from tests.lab.test_intensity import write_bag as write_messages
 from tests.maps.saved_files import sentence
-from tests.recordings.recording_files import event_array
+from tests.recordings import recording_files
 
 SMALL = Sensor(6, 5)
 SECOND = 1_000_000
@@ -219,9 +218,8 @@ def write_bag(path: Path, t: np.ndarray) -> None:
     """Write the same events as a ROS 1 bag of the DAVIS driver's messages, ten events each."""
     events = [(int(us), i % 346, i % 260, i % 2 == 1) for i, us in enumerate(t.tolist())]
     parts = [events[first : first + 10] for first in range(0, len(events), 10)]
-    write_messages(path, [
-        ("/dvs/events", "dvs_msgs/msg/EventArray", event_array(part, 346, 260, 1)) for part in parts
-    ])  # fmt: skip
+    messages = [("/dvs/events", recording_files.event_array(part, 346, 260, 1)) for part in parts]
+    recording_files.write_bag(path, 1, messages)
 
 
 def write_log(path: Path, seconds: int) -> None:

@@ -12,7 +12,6 @@ from edge_vpr.settings import PRESETS
 from edge_vpr.simulation import simulate_pair
 from tests.lab.test_datasets import brisbane, write_log
 from tests.lab.test_intensity import IMAGE, ros_image
-from tests.lab.test_intensity import write_bag as write_messages
 from tests.recordings import recording_files as files
 
 SECOND = 1_000_000
@@ -41,14 +40,15 @@ def test_frames_of_published_bags_are_taken_on_the_clock_of_their_tracks(tmp_pat
         start = round(traverse.complete_beginning_s * SECOND) - 2 * SECOND
         events = [(start + 10_000 * i, i % 346, i % 260, True) for i in range(1_400)]
         messages = [
-            ("/dvs/events", "dvs_msgs/msg/EventArray", files.event_array(part, 346, 260, 1))
+            ("/dvs/events", files.event_array(part, 346, 260, 1))
             for part in (events[i : i + 100] for i in range(0, 1_400, 100))
         ]
         messages += [
-            ("/dvs/image_raw", IMAGE, ros_image("mono8", image, start + i * SECOND + 400_000))
+            ("/dvs/image_raw", ros_image("mono8", image, start + i * SECOND + 400_000))
             for i, image in enumerate(images)
         ]
-        write_messages(tmp_path / traverse.file_name("bag"), messages)
+        path = tmp_path / traverse.file_name("bag")
+        files.write_bag(path, 1, messages, {"/dvs/image_raw": IMAGE})
         write_log(tmp_path / f"{traverse.video}_concat.nmea", 12)
     _, published = frames.drives(tmp_path)
     assert published.name == "Brisbane, morning against sunset1"

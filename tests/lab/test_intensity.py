@@ -12,6 +12,7 @@ from lab.intensity import MEAN_GREY, BagImages, IntensityFrame, exposed, frames_
 from edge_vpr.errors import RecordingError, UsageError
 from edge_vpr.events import Sensor, join_events
 from edge_vpr.simulation import CAMERAS, QUERY, SimulatedRecording, World
+from tests.recordings.recording_files import write_bag
 
 rng = np.random.default_rng(0)
 GREY = rng.integers(0, 256, (3, 4, 6), dtype=np.uint8)
@@ -37,20 +38,6 @@ def ros_image(encoding, pixels, stamp_us, padding=0):
     return stamp + frame + size + name + struct.pack("<BI", 0, len(rows[0])) + data
 
 
-def write_bag(path, messages):
-    """A bag of (topic, type, serialised message)."""
-    rosbag1 = pytest.importorskip("rosbags.rosbag1", reason="rosbags is not installed")
-    with rosbag1.Writer(path) as writer:
-        connections = {}
-        for i, (topic, kind, data) in enumerate(messages):
-            if topic not in connections:
-                connections[topic] = writer.add_connection(
-                    topic, kind, msgdef="uint8 x\n", md5sum="0" * 32
-                )
-            writer.write(connections[topic], 10**18 + i, data)
-    return path
-
-
 START = 1_587_452_582_350_000
 IMAGE = "sensor_msgs/msg/Image"
 
@@ -64,7 +51,8 @@ def test_images_of_a_bag_are_those_written_in_every_encoding(tmp_path):
         ros_image("rgb8", COLOUR, START + 80_000, padding=2),
         ros_image("bayer_rggb8", GREY[2], START + 120_000),
     ]
-    path = write_bag(tmp_path / "a.bag", [("/dvs/image_raw", IMAGE, data) for data in written])
+    path, topic = tmp_path / "a.bag", "/dvs/image_raw"
+    write_bag(path, 1, [(topic, data) for data in written], {topic: IMAGE})
     read = list(BagImages(path))
     assert [frame.time_us for frame in read] == [START + 40_000 * i for i in range(4)]
     expected = [GREY[0], LUMA, LUMA, GREY[2]]
@@ -80,7 +68,8 @@ def test_images_of_a_bag_are_those_written_in_every_encoding(tmp_path):
     ],
 )
 def test_a_damaged_image_of_a_bag_names_its_number_and_topic(data, says, tmp_path):
-    path = write_bag(tmp_path / "a.bag", [("/image", IMAGE, data)])
+    path = tmp_path / "a.bag"
+    write_bag(path, 1, [("/image", data)], {"/image": IMAGE})
     with pytest.raises(RecordingError, match=rf"image 1 on /image cannot be read.*{says}"):
         list(BagImages(path))
 

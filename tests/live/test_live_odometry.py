@@ -27,12 +27,12 @@ from edge_vpr.odometry import OdometerCheck
 from edge_vpr.online.localiser import Localiser
 from edge_vpr.online.odometry_feed import OdometryFeed
 from edge_vpr.online.schedule import MatchSchedule
-from edge_vpr.recordings import open_recording, write_recording
+from edge_vpr.recordings import write_recording
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.settings import Settings
 from edge_vpr.simulation import simulate_pair
 from tests.live.devices import Pipe, TimedCamera, fed, rows_of
-from tests.streams import Drive, random_events, split_events
+from tests.streams import Drive, random_events, read_events, split_events
 
 SENSOR = Sensor(64, 48)
 
@@ -173,7 +173,7 @@ def streamed(drive, clock, monkeypatch):
     """
 
     def streamed(*words, shown_m=lambda time_s: 1_000 + 5 * time_s, fails=0):
-        events = join_events(list(open_recording(drive / "query.npz")))
+        events = read_events(drive / "query.npz")
         camera = TimedCamera(clock, events, SENSOR)
         odometer = TalkingOdometer(lambda: shown_m(camera.now_s))
         monkeypatch.setattr("edge_vpr.live.session.LinkReader", lambda *_, **__: camera)
@@ -218,7 +218,7 @@ def test_what_is_driven_while_the_line_stands_still_is_read_with_the_events_of_t
     stand_in = SimpleNamespace(look=lambda: shown.pop() if shown else None, stop=lambda: None)
     monkeypatch.setattr(session_module, "OdometerReader", lambda *_, **__: stand_in)
     events, encoder = (
-        join_events(list(open_recording(drive / "query.npz"))),
+        read_events(drive / "query.npz"),
         open_encoder("evpr", SENSOR),
     )
     with LiveSession(

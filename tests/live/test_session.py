@@ -43,7 +43,7 @@ from tests.live.devices import (
     sent_by,
     wait_until,
 )
-from tests.streams import Drive, matched_live, random_events, split_events
+from tests.streams import Drive, matched_live, random_events, read_events, split_events
 
 ROOT = Path(__file__).parents[2]
 
@@ -578,7 +578,7 @@ def test_a_program_that_fails_leaves_whole_files(route, query, tmp_path):
         for match in session:
             if match.query == 5:
                 raise ZeroDivisionError
-    recorded = join_events(list(open_recording(events)))
+    recorded = read_events(events)
     assert 0 < recorded.size == session.health.events
 
 

@@ -43,7 +43,7 @@ from tests.live.devices import (
     wait_until,
 )
 from tests.live.fuzz_decoders import a_map
-from tests.streams import Drive, matched_live, random_events, records, split_events
+from tests.streams import Drive, matched_live, random_events, read_events, records, split_events
 
 SENSOR = Sensor(64, 48)
 
@@ -69,7 +69,7 @@ def reference(drive):
 @pytest.fixture
 def events(drive):
     """The events of the query."""
-    return join_events(list(open_recording(drive / "query.npz")))
+    return read_events(drive / "query.npz")
 
 
 @pytest.fixture(scope="module")
@@ -116,7 +116,7 @@ def test_live_matches_are_the_offline_ones_to_the_bit(
     run(*words, "--on-overload", "wait", "--max-age", "60s", "--baud", "12000000")
     thread.join()
     assert bridge.sent_events == 40_000
-    recorded = join_events(list(open_recording(drive / "query.npz")))
+    recorded = read_events(drive / "query.npz")
     if not protocol.startswith("evpr"):
         recorded.t -= recorded["t"][0]
     expected = matched_live(reference, Drive(recorded, SENSOR), MatchSchedule(events=1))
@@ -134,7 +134,7 @@ def test_live_matches_are_the_offline_ones_to_the_bit(
     assert (summary["events"], summary["lost"], summary["resyncs"]) == (40_000, 0, 0)
     assert summary["bytes"] == raw.stat().st_size
     # what was recorded gives the same again, as events and as bytes
-    again = join_events(list(open_recording(events)))
+    again = read_events(events)
     assert again.size == 40_000
     decoder = open_decoder(host, SENSOR)
     replayed = join_events([decoder.feed(raw.read_bytes()), decoder.finish()])
@@ -421,7 +421,7 @@ def at_once(scenario, *choices):
 
 @pytest.mark.slow
 def test_a_signal_ends_a_run_with_its_summary_and_its_files(drive, tmp_path):
-    events = join_events(list(open_recording(drive / "query.npz")))[:5_000]
+    events = read_events(drive / "query.npz")[:5_000]
     events.t -= events["t"][0]  # the stream has no frame before its first event
     sent = open_encoder("evpr", SENSOR).encode(events)
 
@@ -436,7 +436,7 @@ def test_a_signal_ends_a_run_with_its_summary_and_its_files(drive, tmp_path):
         assert "5,000 events" in out
         assert "0 events lost on the way" in out
         assert "from byte to match" in out
-        recorded = join_events(list(open_recording(recording)))
+        recorded = read_events(recording)
         assert np.array_equal(recorded, events)
         assert rows_of(log, "summary")[0]["events"] == 5_000
 

@@ -24,7 +24,7 @@ from edge_vpr.recordings.prophesee import read_header
 from tests.live.devices import DEVICES
 from tests.live.line_faults import KINDS, corrupt, decode, make_line
 from tests.recordings.recording_files import payloads
-from tests.streams import balanced, from_first, random_events, split_events
+from tests.streams import balanced, from_first, random_events, read_events, split_events
 
 SENSOR = Sensor(128, 128)
 #: more than any decoder may keep
@@ -539,7 +539,7 @@ def test_real_words_are_the_same_events_as_in_a_recording(shared_data, name, pro
 def test_a_real_cameras_words_are_read_beyond_a_real_wrap_by_their_layout(shared_data, tmp_path):
     """The camera's own bytes, whose clock of 31 bits wraps: address-events of 8 bytes."""
     folder = shared_data / "recordings" / "ros2_libcaer_rollover"
-    words, events = b"".join(payloads(folder)), join_events(list(open_recording(folder)))
+    words, events = b"".join(payloads(folder)), read_events(folder)
     n = 2_000 if PLAIN else events.size
     middle = int(np.flatnonzero(np.diff(np.frombuffer(words, "<u4")[1::2].astype(np.int64)) < 0)[0])
     part = slice(max(0, middle - n // 2), middle + n // 2)

@@ -18,7 +18,7 @@ from edge_vpr.live.protocols import open_decoder, open_encoder
 from edge_vpr.recordings import open_recording, write_recording
 from edge_vpr.reference_map import ReferenceMap
 from tests.live.devices import sent_by
-from tests.streams import Drive, random_events
+from tests.streams import Drive, random_events, read_events
 
 _, PAGE = (Path(__file__).parents[2] / "docs/recipes.md").read_text().split("## Add your own parts")
 SENSOR = Sensor(24, 20)
@@ -84,7 +84,7 @@ def test_a_format_of_another_package_is_read_by_its_suffix_or_name(tmp_path, run
     rows = np.array([(5, 1, 2), (9, 3, 4)], [("t", "<i8"), ("x", "<u2"), ("y", "<u2")])
     for name in ("a.pairs", "a.bin"):
         rows.tofile(tmp_path / name)
-    events = join_events(list(open_recording(tmp_path / "a.pairs", sensor=SENSOR)))
+    events = read_events(tmp_path / "a.pairs", sensor=SENSOR)
     assert events["t"].tolist() == [0, 4] and events["x"].tolist() == [1, 3]
     named = open_recording(tmp_path / "a.bin", sensor=SENSOR, format="pairs")
     assert np.array_equal(join_events(list(named)), events)

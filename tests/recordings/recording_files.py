@@ -11,6 +11,8 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+import pytest
+
 Event = tuple[int, int, int, bool]
 EVT_WORDS = {"evt2": "<u4", "evt21": "<u8", "evt3": "<u2"}
 
@@ -220,6 +222,7 @@ def write_bag(
     compression: str = "",
 ) -> None:
     """Bag of pairs (topic, message), compressed by a format of ROS 1 or by a mode of ROS 2."""
+    pytest.importorskip("rosbags", reason="rosbags is not installed (extra ros)")
     from rosbags import rosbag1, rosbag2
 
     if ros == 1:

@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 
 from edge_vpr.errors import EdgeVprError, RecordingError
-from edge_vpr.events import Sensor, join_events
-from edge_vpr.recordings import open_recording
+from edge_vpr.events import Sensor
+from tests.streams import read_events
 
 h5py = pytest.importorskip("h5py")
 
@@ -56,7 +56,7 @@ def write(path, kind="gzip", layout="group", values=None):
 
 def read(path, layout="group", chunk=1 << 16):
     options = {"columns": "txyp", "sensor": SENSOR} if layout == "table" else {}
-    events = join_events(list(open_recording(path, chunk_events=chunk, **options)))
+    events = read_events(path, chunk_events=chunk, **options)
     return {name: events[name] for name in "txyp"}
 
 
@@ -177,5 +177,5 @@ def test_a_chunk_of_more_than_32_mib_is_read_and_expanded_once(kind, tmp_path):
         file.attrs["width"], file.attrs["height"] = SENSOR
         for name, column in values.items():
             file.create_dataset(f"events/{name}", data=column, chunks=(n,), **FILTERS[kind])
-    events = join_events(list(open_recording(tmp_path / "a.h5", chunk_events=1 << 20)))
+    events = read_events(tmp_path / "a.h5", chunk_events=1 << 20)
     assert all(np.array_equal(events[name], values[name]) for name in "txyp")

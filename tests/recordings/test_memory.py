@@ -11,6 +11,7 @@ from edge_vpr import ReferenceMap, open_recording, write_recording
 from edge_vpr.errors import EdgeVprError, EventError, RecordingError, UsageError
 from edge_vpr.events import EVENT_DTYPE, Sensor, join_events, make_events
 from edge_vpr.simulation import simulate_pair
+from tests.streams import read_events
 
 
 @pytest.fixture(scope="module")
@@ -107,17 +108,17 @@ def test_times_in_floating_point_need_a_unit(events):
     with pytest.raises(RecordingError, match="no unit is stated: pass time_unit="):
         open_recording(table, sensor="32x32")
     for each, unit in ((table, "us"), (table / [1e6, 1, 1, 1], "s")):
-        read = join_events(list(open_recording(each, sensor="32x32", time_unit=unit)))
+        read = read_events(each, sensor="32x32", time_unit=unit)
         np.testing.assert_array_equal(read["t"], events["t"] - events["t"][0])
 
 
 def test_events_in_memory_are_cut_and_their_unit_is_read_as_of_a_file(events):
-    part = join_events(list(open_recording(events, sensor="32x32", start=1, end=2)))
+    part = read_events(events, sensor="32x32", start=1, end=2)
     wanted = events[(events["t"] >= 1_000_000) & (events["t"] < 2_000_000)]
     np.testing.assert_array_equal(part["t"], wanted["t"] - 1_000_000)
     nanoseconds = four(events)
     nanoseconds[0] = nanoseconds[0] * 1000
-    read = join_events(list(open_recording(nanoseconds, sensor="32x32", time_unit="ns")))
+    read = read_events(nanoseconds, sensor="32x32", time_unit="ns")
     np.testing.assert_array_equal(read, events)
 
 

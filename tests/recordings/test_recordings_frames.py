@@ -14,12 +14,9 @@ from hypothesis.extra.numpy import arrays
 from edge_vpr.errors import RecordingError, UsageError
 from edge_vpr.events import Sensor, join_events
 from edge_vpr.recordings import open_recording, parse_period, read_count_frames
+from tests.streams import read_events
 
 THIRTIETH = Fraction(1, 30)
-
-
-def events_of(path, **options):
-    return join_events(list(open_recording(path, **options)))
 
 
 def plain_expansion(frames, period):
@@ -77,7 +74,7 @@ def test_frames_become_the_events_that_plain_python_makes_of_them(
 
 def test_single_events_of_a_frame_are_no_burst_and_do_not_sweep_over_the_sensor(tmp_path):
     np.savez(tmp_path / "a.npz", frames=np.ones((1, 100, 100), np.uint8))
-    events = events_of(tmp_path / "a.npz", frame_period=Fraction(1))
+    events = read_events(tmp_path / "a.npz", frame_period=Fraction(1))
     per_centisecond = np.bincount(events["t"] // 10_000, minlength=100)
     assert per_centisecond.min() >= 90
     assert per_centisecond.max() <= 110
@@ -95,7 +92,7 @@ def test_sparse_counts_become_events_at_their_pixels_with_the_period_of_the_file
         "window_s": 1.0,
     }
     np.savez(tmp_path / "a.npz", counts=counts, **facts)
-    events = events_of(tmp_path / "a.npz")
+    events = read_events(tmp_path / "a.npz")
     first = events[events["t"] < 10**6]
     assert sorted((x, y) for _, x, y, _ in first.tolist()) == [(5, 1), (5, 1), (7, 3)]
     assert {(x, y) for _, x, y, _ in events[3:].tolist()} == {(6, 2)}
@@ -120,8 +117,8 @@ def test_a_folder_of_png_is_read_in_the_order_of_its_numbers(dtype, tmp_path):
     for i, frame in enumerate(frames):
         Image.fromarray(frame).save(tmp_path / f"frame_{i}.png")  # frame_10 before frame_2
     np.savez(tmp_path / "a.npz", frames=frames)
-    images = events_of(tmp_path, frame_period=THIRTIETH)
-    assert np.array_equal(images, events_of(tmp_path / "a.npz", frame_period=THIRTIETH))
+    images = read_events(tmp_path, frame_period=THIRTIETH)
+    assert np.array_equal(images, read_events(tmp_path / "a.npz", frame_period=THIRTIETH))
     assert np.array_equal(read_count_frames(tmp_path).load(), frames.reshape(12, -1))
 
 
@@ -130,14 +127,14 @@ def test_pictures_that_are_no_count_frames_say_why(tmp_path):
 
     Image.fromarray(np.zeros((4, 4, 3), np.uint8)).save(tmp_path / "0.png")
     with pytest.raises(RecordingError, match="mode RGB: count frames are 8- or 16-bit grey"):
-        events_of(tmp_path, frame_period=THIRTIETH)
+        read_events(tmp_path, frame_period=THIRTIETH)
     Image.fromarray(np.ones((4, 4), np.uint8)).save(tmp_path / "0.png")
     Image.fromarray(np.ones((4, 5), np.uint8)).save(tmp_path / "1.png")
     with pytest.raises(RecordingError, match="5x4 pixels and the first frame 4x4"):
-        events_of(tmp_path, frame_period=THIRTIETH)
+        read_events(tmp_path, frame_period=THIRTIETH)
     (tmp_path / "1.png").write_bytes((tmp_path / "0.png").read_bytes()[:50])
     with pytest.raises(RecordingError, match=r"1\.png is damaged or no PNG"):
-        events_of(tmp_path, frame_period=THIRTIETH)
+        read_events(tmp_path, frame_period=THIRTIETH)
 
 
 @pytest.mark.parametrize(
@@ -159,7 +156,7 @@ def test_pictures_that_are_no_count_frames_say_why(tmp_path):
 def test_frames_that_are_no_counts_say_why(contents, words, tmp_path):
     np.savez(tmp_path / "a.npz", **contents)
     with pytest.raises(RecordingError, match=words):
-        events_of(tmp_path / "a.npz", frame_period=THIRTIETH, sensor=None)
+        read_events(tmp_path / "a.npz", frame_period=THIRTIETH, sensor=None)
 
 
 def test_what_the_caller_has_to_say_is_asked_for(tmp_path):
@@ -191,10 +188,10 @@ def test_a_folder_of_float_arrays_is_read_as_its_png_would_be(tmp_path):
         np.save(folder / f"frame_{i}.npy", frame)  # frame_10 before frame_2
     # times of the frames, which lie in the same folder and are no frame
     np.save(folder / "event_frame_times_ticks.npy", np.arange(12))
-    expected = events_of(tmp_path / "a.npz", frame_period=THIRTIETH)
-    assert np.array_equal(events_of(folder, frame_period=THIRTIETH), expected)
+    expected = read_events(tmp_path / "a.npz", frame_period=THIRTIETH)
+    assert np.array_equal(read_events(folder, frame_period=THIRTIETH), expected)
     np.save(tmp_path / "stack.npy", frames)
-    assert np.array_equal(events_of(tmp_path / "stack.npy", frame_period=THIRTIETH), expected)
+    assert np.array_equal(read_events(tmp_path / "stack.npy", frame_period=THIRTIETH), expected)
 
 
 @pytest.mark.parametrize("stacked", [False, True])
@@ -251,4 +248,4 @@ def test_an_array_that_is_no_count_frame_says_why(frame, words, tmp_path):
     np.save(tmp_path / "frame_0.npy", np.ones((2, 3), np.float32))
     np.save(tmp_path / "frame_1.npy", frame)
     with pytest.raises(RecordingError, match=words):
-        events_of(tmp_path, frame_period=THIRTIETH)
+        read_events(tmp_path, frame_period=THIRTIETH)

@@ -22,7 +22,7 @@ from edge_vpr.recordings import aedat, frames, open_recording, write_recording
 from edge_vpr.recordings.aedat import DecompressionError, expand
 from edge_vpr.recordings.reading import foreign_errors
 from tests.recordings import recording_files as files
-from tests.streams import random_events
+from tests.streams import random_events, read_events
 
 SENSOR = Sensor(40, 30)
 FUZZER = Path(__file__).with_name("fuzz_recordings.py")
@@ -200,7 +200,7 @@ def test_decompression_stops_at_its_limit_and_joins_frames(monkeypatch):
 def test_a_frame_of_many_events_is_expanded_in_pieces_that_change_nothing(tmp_path, monkeypatch):
     rng = np.random.default_rng(0)
     np.savez(tmp_path / "a.npz", frames=rng.integers(0, 90, (3, 7, 9)))
-    whole = join_events(list(open_recording(tmp_path / "a.npz", frame_period=1)))
+    whole = read_events(tmp_path / "a.npz", frame_period=1)
     for most in (50, 1000):
         monkeypatch.setattr(frames, "_MOST_EXPANDED", most)
         pieces = open_recording(tmp_path / "a.npz", frame_period=1)
@@ -293,7 +293,7 @@ def test_a_time_that_does_not_fit_or_is_none_is_no_event(t, unit, entry, tmp_pat
 )
 def test_datetimes_of_any_scale_are_microseconds(dtype, us, tmp_path):
     columns_npz(tmp_path / "a.npz", np.array([0, 3], dtype))
-    assert join_events(list(open_recording(tmp_path / "a.npz")))["t"].tolist() == [0, us]
+    assert read_events(tmp_path / "a.npz")["t"].tolist() == [0, us]
 
 
 @pytest.mark.parametrize(

@@ -14,12 +14,12 @@ import pytest
 from edge_vpr_tools.cli import main
 
 from edge_vpr.errors import UsageError
-from edge_vpr.events import join_events
 from edge_vpr.match_result import MatchResult
 from edge_vpr.matching.matches import Matches
-from edge_vpr.recordings import Recording, open_recording
+from edge_vpr.recordings import Recording
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.simulation import simulate_pair
+from tests.streams import read_events
 from tests.tools.conftest import SMALL
 
 #: with the settings of a robot
@@ -393,7 +393,7 @@ def test_tau_auto_fits_the_window_to_a_slow_robot(log, tmp_path, run):
 
 def test_a_query_that_does_not_say_its_sensor_has_that_of_the_map(drive, tmp_path, run):
     """For every command that reads it beside the map or the matches."""
-    events = join_events(list(open_recording(drive / "query.npz")))
+    events = read_events(drive / "query.npz")
     columns = [events[name] for name in "txyp"]
     np.savetxt(tmp_path / "query.csv", np.column_stack(columns), fmt="%d", delimiter=",")
     reference, query = drive / "map.npz", tmp_path / "query.csv"
