@@ -52,6 +52,8 @@ from edge_vpr.matching.prediction import (
     Narrow,
     TransitionCosts,
     Transitions,
+    add_evidence,
+    least_of_places,
     predict,
 )
 from edge_vpr.matching.search import least_and_second
@@ -207,7 +209,9 @@ def match_window(
         predict(state.metric, table, seen.activity, state.prediction)
         before.predicted_for = seen.activity
     evidence(state, table, distances, seen, rows, i)
-    add(state.prediction, rows.evidence[i], rows.sums[i], hypotheses, rows.metrics[i])
+    add_evidence(
+        state.prediction, rows.evidence[i], rows.sums[i], hypotheses, METRIC_TOP, rows.metrics[i]
+    )
     nearest = best(rows.metrics[i], table, rows.least[i], rows.matches[i])
     rows.best[i, 0], rows.best[i, 1] = nearest.place, nearest.gain
     trust(state, table, nearest, rows, i)
@@ -219,9 +223,9 @@ def end_window(state: FilterState, metrics: Narrow) -> None:
     state.numbers[0] = state.numbers[1]
     for s in range(state.reciprocal.shape[1]):
         state.reciprocal[0, s] = state.reciprocal[1, s]
-    for k in range(len(metrics)):
-        for h in range(LANES):
-            state.metric[k, h] = metrics[k, h]
+    after, metric = state.metric.reshape(metrics.size), metrics.reshape(metrics.size)
+    for j in range(metrics.size):
+        after[j] = metric[j]
 
 
 @kernel
@@ -297,7 +301,7 @@ def see(numbers: Any, table: FilterTable, events: int) -> Seen:
     return Seen(paused, weight, STANDS if now.few > before.patience else activity, by_steps)
 
 
-# 3. Evidence of each sum of windows, and its addition to the prediction.
+# 3. Evidence of each sum of windows.
 
 
 @kernel(inner=True)
@@ -323,35 +327,19 @@ def evidence(
             by_speed = sum_of(state.numbers[1].speed, table.gains[h])
             rows.sums[i, h] = by_speed if most == BY_STEPS else sum_by_distance(farthest)
     for s in range(len(distances)):
-        used = False
+        used, against = False, rows.evidence[i, s]
         for h in range(table.gains.size):
             used = used or rows.sums[i, h] == s
         rows.factor[i, s] = 0
         state.reciprocal[1, s] = state.reciprocal[0, s] if seen.paused else 0
         if used and not seen.paused:
             scale, own = evidence_of_sum(
-                distances[s], table.bias, state.reciprocal[0, s], weight, rows.evidence[i, s]
+                distances[s], table.bias, state.reciprocal[0, s], weight, against
             )
             rows.factor[i, s], state.reciprocal[1, s] = scale * weight, own
         else:
-            for k in range(rows.evidence.shape[2]):
-                rows.evidence[i, s, k] = 0
-
-
-@kernel(inner=True)
-def add(
-    prediction: Narrow,
-    of_sums: npt.NDArray[np.uint8],
-    sums: npt.NDArray[np.int64],
-    hypotheses: int,
-    out: Narrow,
-) -> None:
-    """Write the metrics: the prediction and the evidence of the hypothesis' sum, at most 127."""
-    for h in range(LANES):
-        which = sums[h]
-        for k in range(len(out)):
-            metric = np.int16(prediction[k, h] + of_sums[which, k])
-            out[k, h] = min(metric, np.int16(METRIC_TOP)) if h < hypotheses else METRIC_TOP
+            for k in range(against.size):
+                against[k] = 0
 
 
 # 4. Best: the place and gain of the least metric, and the middle of the places near it.
@@ -378,11 +366,7 @@ def best(metric: Narrow, table: FilterTable, least: Metrics, row: Any) -> Best:
     row : record of MATCH_DTYPE
         Output.
     """
-    for k in range(len(metric)):
-        least[k] = metric[k, 0]
-    for h in range(1, table.gains.size):
-        for k in range(len(metric)):
-            least[k] = min(least[k], np.int32(metric[k, h]))
+    least_of_places(metric, least)
     place, second, ties = least_and_second(least, table.exclusion)
     first, last, most = place, place, least[place] + NEAR
     while first > max(place - table.reach, 0) and least[first - 1] <= most:

@@ -207,6 +207,29 @@ def first_column(activity: int, of_place: int) -> int:
 
 
 @kernel(inner=True)
+def least_of_lanes(metric: Narrow) -> Narrow:
+    """Return the least metric of each hypothesis, shape (1, LANES)."""
+    least, places = metric.reshape(metric.size).copy(), len(metric)
+    while places > 1:  # of two halves: loops over lanes are no vectors
+        half = (places + 1) >> 1
+        for j in range((places - half) * LANES):
+            least[j] = min(least[j], least[half * LANES + j])
+        places = half
+    return least[:LANES].reshape((1, LANES))
+
+
+@kernel(inner=True)
+def least_of_places(metric: Narrow, least: Metrics) -> None:
+    """Write the least metric of each place, shape (K,)."""
+    of_lanes = metric.reshape(metric.size).copy()
+    for lanes in (4, 2):
+        for j in range(of_lanes.size - lanes):
+            of_lanes[j] = min(of_lanes[j], of_lanes[j + lanes])
+    for k in range(least.size):
+        least[k] = min(of_lanes[LANES * k], of_lanes[LANES * k + 1])
+
+
+@kernel(inner=True)
 def move_on(metric: Narrow, table: FilterTable, activity: int, back: bool, out: Narrow) -> None:
     """Compute the cheapest cost of each place and hypothesis one window later or earlier.
 
@@ -224,29 +247,67 @@ def move_on(metric: Narrow, table: FilterTable, activity: int, back: bool, out: 
         ``min(min_i (M[k - i] + cost[i]), min_k M + restart_cost)``, with the costs of the place
         that is reached.
     """
-    places, size = len(metric), metric.size
-    restarted, column = np.empty((1, LANES), dtype=np.int16), np.empty(places, dtype=np.int64)
+    places, size, steps = len(metric), metric.size, min(len(table.costs), len(metric))
+    restarted, cost = least_of_lanes(metric), np.empty((steps, places, LANES), dtype=np.int16)
     for h in range(LANES):
-        least = metric[0, h]
-        for k in range(places):
-            least = min(least, metric[k, h])
-        restarted[0, h] = least + table.restart_cost
-    cost = np.empty((places, LANES), dtype=np.int16)
+        restarted[0, h] += table.restart_cost
     # the lanes of a place are copied as two words, and sums are in long loops, which are vectors
-    of_place, from_any, words = cost.view(np.int64), restarted.view(np.int64), out.view(np.int64)
+    from_any, words = restarted.view(np.int64), out.view(np.int64)
+    of_column, of_place = table.costs.view(np.int64), cost.view(np.int64)
     for k in range(places):
-        column[k] = first_column(activity, table.activity[k])
-        words[k, 0] = from_any[0, 0]
-        words[k, 1] = from_any[0, 1]
-    before, reached, costs = metric.reshape(size), out.reshape(size), cost.reshape(size)
-    for i in range(min(len(table.costs), places)):
-        of_column = table.costs[i].view(np.int64)
-        for k in range(places):
-            of_place[k, 0] = of_column[column[k], 0]
-            of_place[k, 1] = of_column[column[k], 1]
-        far, rest = i * LANES, size - i * LANES
+        column = first_column(activity, table.activity[k])
+        words[k, 0], words[k, 1] = from_any[0, 0], from_any[0, 1]
+        for i in range(steps):
+            of_place[i, k, 0] = of_column[i, column, 0]
+            of_place[i, k, 1] = of_column[i, column, 1]
+    before, reached = metric.reshape(size), out.reshape(size)
+    for i in range(steps):
+        far, rest, costs = i * LANES, size - i * LANES, cost[i].reshape(size)
         to, source = (0, far) if back else (far, 0)
         lower(reached[to : to + rest], before[source : source + rest], costs[far:])
+
+
+@kernel(inner=True)
+def add_evidence(
+    metric: Narrow,
+    of_sums: npt.NDArray[np.uint8],
+    sums: npt.NDArray[np.int64],
+    hypotheses: int,
+    most: int,
+    out: Narrow,
+) -> None:
+    """Write the metrics with the evidence of the sum of each hypothesis, at most `most`.
+
+    Parameters
+    ----------
+    metric : ndarray of int16, shape (K, LANES)
+        Without the evidence.
+    of_sums : ndarray of uint8, shape (sums, K)
+        Evidence against each place of each sum of windows.
+    sums : ndarray of int64, shape (LANES,)
+        Sum that each hypothesis looks at.
+    out : ndarray of int16, shape (K, LANES)
+        Hypotheses that are not in use become `most`, of at most `UNUSED`.
+    """
+    size, n_sums = metric.size, len(of_sums)
+    lanes = np.empty((n_sums + 1, LANES), dtype=np.int16)
+    for h in range(LANES):
+        for s in range(n_sums):
+            lanes[s, h] = sums[h] == s if h < hypotheses else 0
+        lanes[n_sums, h] = 0 if h < hypotheses else UNUSED
+    # a word of four lanes, multiplied by the evidence, has it in those of its sum
+    against = np.empty(metric.shape, dtype=np.int16)
+    of_lanes, words = lanes.view(np.int64), against.view(np.int64)
+    for k in range(len(metric)):
+        words[k, 0], words[k, 1] = of_lanes[n_sums, 0], of_lanes[n_sums, 1]
+    for s in range(n_sums):
+        low, high = of_lanes[s, 0], of_lanes[s, 1]
+        for k in range(len(metric)):
+            words[k, 0] += of_sums[s, k] * low
+            words[k, 1] += of_sums[s, k] * high
+    before, after, added = metric.reshape(size), out.reshape(size), against.reshape(size)
+    for j in range(size):
+        after[j] = min(np.int16(before[j] + added[j]), np.int16(most))
 
 
 @kernel(inner=True)

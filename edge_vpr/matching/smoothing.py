@@ -15,12 +15,12 @@ import numpy as np
 from edge_vpr.compiling import kernel
 from edge_vpr.matching.place_filter import WindowRows, best
 from edge_vpr.matching.prediction import (
-    LANES,
     UNUSED,
     FilterTable,
     Narrow,
     Transitions,
     Travelled,
+    add_evidence,
     change_gains,
     move_on,
     subtract_least,
@@ -90,10 +90,7 @@ def smooth_windows(
         rows.best[i, 0], rows.best[i, 1] = place, gain
         row["trust"] = margin << TRUST_FRACTION_BITS
         row["misfit"] = window_misfit(against, place, table.typical, factor, rows.share[i])
-        for h in range(LANES):
-            for k in range(len(metric)):
-                behind = np.int16(cost_to_go[k, h] + rows.evidence[i, sums[h], k])
-                next_cost_to_go[k, h] = behind if h < hypotheses else UNUSED
+        add_evidence(cost_to_go, rows.evidence[i], sums, hypotheses, UNUSED, next_cost_to_go)
         move_on(next_cost_to_go, table, rows.activity[i], np.bool_(True), cost_to_go)
         subtract_least(cost_to_go)
         change_gains(cost_to_go, hypotheses)
