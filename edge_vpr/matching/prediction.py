@@ -91,7 +91,7 @@ class TransitionCosts:
         return cls(settings.filter_restart, settings.window_parts, by_activity, settings.hypotheses)
 
     @property
-    def by_step(self) -> Narrow:
+    def by_step(self) -> npt.NDArray[np.uint8]:
         """Costs of a step of 0, 1, 2 ... places, with fraction bits, shape (steps, columns, LANES).
 
         A column has the rows of `BANK_COSTS` of the hypotheses of a place, see `first_column`: the
@@ -101,9 +101,9 @@ class TransitionCosts:
         if self.by_activity:
             highest = _ROW_HIGH + _GAIN_ROWS * (self.gains > 1)
             rows = np.clip(highest - columns, _LOWEST_ROW, _HIGHEST_ROW) + SAME_ROW
-            costs = np.array(BANK_COSTS[self.places_per_window], dtype=np.int16)[rows].T
+            costs = np.array(BANK_COSTS[self.places_per_window], dtype=np.uint8)[rows].T
         else:
-            fixed = np.array(COUNT_COSTS[self.places_per_window], dtype=np.int16) << FRACTION_BITS
+            fixed = np.array(COUNT_COSTS[self.places_per_window], dtype=np.uint8) << FRACTION_BITS
             costs = np.repeat(fixed[:, None], columns.size, axis=1)
         of_lanes = np.lib.stride_tricks.sliding_window_view(costs, LANES, axis=1)
         return np.ascontiguousarray(of_lanes)
@@ -117,7 +117,7 @@ class FilterTable(NamedTuple):
 
     Attributes
     ----------
-    costs : ndarray of int16, shape (steps, columns, LANES)
+    costs : ndarray of uint8, shape (steps, columns, LANES)
         See `TransitionCosts.by_step`.
     gains : ndarray of int64, shape (hypotheses,)
         Gain of each hypothesis, in 1/16 octave.
@@ -135,7 +135,7 @@ class FilterTable(NamedTuple):
         Places on each side of the best that the match may be the middle of.
     """
 
-    costs: Narrow
+    costs: npt.NDArray[np.uint8]
     gains: npt.NDArray[np.int64]
     restart_cost: int
     activity: npt.NDArray[np.int32]
@@ -248,10 +248,10 @@ def move_on(metric: Narrow, table: FilterTable, activity: int, back: bool, out: 
         that is reached.
     """
     places, size, steps = len(metric), metric.size, min(len(table.costs), len(metric))
-    restarted, cost = least_of_lanes(metric), np.empty((steps, places, LANES), dtype=np.int16)
+    restarted, cost = least_of_lanes(metric), np.empty((steps, places, LANES), dtype=np.uint8)
     for h in range(LANES):
         restarted[0, h] += table.restart_cost
-    # the lanes of a place are copied as two words, and sums are in long loops, which are vectors
+    # the lanes of a place are copied as words, and sums are in long loops, which are vectors
     from_any, words = restarted.view(np.int64), out.view(np.int64)
     of_column, of_place = table.costs.view(np.int64), cost.view(np.int64)
     for k in range(places):
@@ -259,7 +259,6 @@ def move_on(metric: Narrow, table: FilterTable, activity: int, back: bool, out: 
         words[k, 0], words[k, 1] = from_any[0, 0], from_any[0, 1]
         for i in range(steps):
             of_place[i, k, 0] = of_column[i, column, 0]
-            of_place[i, k, 1] = of_column[i, column, 1]
     before, reached = metric.reshape(size), out.reshape(size)
     for i in range(steps):
         far, rest, costs = i * LANES, size - i * LANES, cost[i].reshape(size)
@@ -302,6 +301,8 @@ def add_evidence(
         words[k, 0], words[k, 1] = of_lanes[n_sums, 0], of_lanes[n_sums, 1]
     for s in range(n_sums):
         low, high = of_lanes[s, 0], of_lanes[s, 1]
+        if low == high == 0:  # no hypothesis looks at this sum
+            continue
         for k in range(len(metric)):
             words[k, 0] += of_sums[s, k] * low
             words[k, 1] += of_sums[s, k] * high
@@ -311,7 +312,7 @@ def add_evidence(
 
 
 @kernel(inner=True)
-def lower(metric: Narrow, other: Narrow, cost: Narrow) -> None:
+def lower(metric: Narrow, other: Narrow, cost: npt.NDArray[np.uint8]) -> None:
     """Lower each metric to another one plus its cost."""
     for j in range(metric.size):
         metric[j] = min(metric[j], np.int16(other[j] + cost[j]))
