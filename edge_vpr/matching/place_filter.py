@@ -209,10 +209,10 @@ def match_window(
         predict(state.metric, table, seen.activity, state.prediction)
         before.predicted_for = seen.activity
     evidence(state, table, distances, seen, rows, i)
-    add_evidence(
-        state.prediction, rows.evidence[i], rows.sums[i], hypotheses, METRIC_TOP, rows.metrics[i]
-    )
-    nearest = best(rows.metrics[i], table, rows.least[i], rows.matches[i])
+    # not a constant, for which Numba would compile another version
+    most, metrics = np.int64(METRIC_TOP), rows.metrics[i]
+    add_evidence(state.prediction, rows.evidence[i], rows.sums[i], hypotheses, most, metrics)
+    nearest = best(metrics, table, rows.least[i], rows.matches[i])
     rows.best[i, 0], rows.best[i, 1] = nearest.place, nearest.gain
     trust(state, table, nearest, rows, i)
 

@@ -90,7 +90,8 @@ def smooth_windows(
         rows.best[i, 0], rows.best[i, 1] = place, gain
         row["trust"] = margin << TRUST_FRACTION_BITS
         row["misfit"] = window_misfit(against, place, table.typical, factor, rows.share[i])
-        add_evidence(cost_to_go, rows.evidence[i], sums, hypotheses, UNUSED, next_cost_to_go)
+        most = np.int64(UNUSED)
+        add_evidence(cost_to_go, rows.evidence[i], sums, hypotheses, most, next_cost_to_go)
         move_on(next_cost_to_go, table, rows.activity[i], np.bool_(True), cost_to_go)
         subtract_least(cost_to_go)
         change_gains(cost_to_go, hypotheses)
