@@ -19,7 +19,6 @@ from edge_vpr.odometry import Odometry
 from edge_vpr.online.localiser import Localiser
 from edge_vpr.online.odometry_feed import OdometryFeed
 from edge_vpr.online.schedule import MatchSchedule
-from edge_vpr.settings import Settings
 from firmware_model.specification_drive import (
     live_matches,
     misfit_of,
@@ -29,18 +28,17 @@ from firmware_model.specification_drive import (
 from fixedpoint.activity import SUMS
 from tests import naive
 from tests.filter_oracle import drive_of, events_that_count, row_of_match, running_codes
-from tests.online.test_localiser import PIXEL_MAP, PIXELS, SENSOR, feed_checked
-from tests.streams import Drive, as_tuples, cut_up, map_of_counts, random_events, resumed, with_sums
+from tests.online.test_localiser import PIXELS, SENSOR, feed_checked
+from tests.online.test_localiser import map_of as matched_in_sequence
+from tests.streams import Drive, as_tuples, cut_up, random_events, resumed, with_sums
 
 #: in plain Python, which takes a hundred times as long, the same properties with fewer draws
 EXAMPLES = 10 if config.DISABLE_JIT else 40
 
 
 def map_of(counts, **changes):
-    chosen = Settings(
-        pixels=len(PIXELS), remove_bursts=False, matching="filter", counter_code="contrast",
-    ).replaced(changes, "test")  # fmt: skip
-    return map_of_counts(PIXEL_MAP, counts, chosen)
+    filtered = {"matching": "filter", "counter_code": "contrast"}
+    return matched_in_sequence(counts, **filtered | changes)
 
 
 def oracle_after_each_event(reference, events):
