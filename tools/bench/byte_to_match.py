@@ -49,7 +49,7 @@ def frames(rng: np.random.Generator, rate: float, number: int) -> list[Events]:
     return made
 
 
-def byte_to_match(rate: float, number: int, *, in_program: bool = False) -> npt.NDArray[np.float64]:
+def byte_to_match(rate: float, number: int, *, in_program: bool) -> npt.NDArray[np.float64]:
     """Measure match by match.
 
     Parameters

@@ -127,8 +127,8 @@ def run_experiments(
     folder: Path,
     workers: Executor,
     *,
-    resume: bool = False,
-    progress: Callable[[str], None] = lambda text: None,
+    resume: bool,
+    progress: Callable[[str], None],
 ) -> list[Measured]:
     """Run trials, and write the table, and the figure if there is one, of each experiment.
 

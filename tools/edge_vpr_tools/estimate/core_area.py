@@ -101,16 +101,11 @@ def _terms(design: Design) -> tuple[int, ...]:
     return 1, word, design.filters, half, design.contrast, several, design.gains > 1
 
 
-def measure(design: Design) -> tuple[int, int]:
-    """Return the cells of a packed design, and those of the FPGA; raises as `packed_cells`."""
-    return packed_cells(design, ICEBREAKER)["logic cells"]
-
-
 def main() -> None:
     """Synthesize and pack all designs, and write their table."""
     rows = []
     for name, design in (FITTED_ON | CHECKED_ON).items():
-        rows.append((name, *measure(design)))
+        rows.append((name, *packed_cells(design, ICEBREAKER)["logic cells"]))
         print(f"{name}: {rows[-1][1]} cells", file=sys.stderr, flush=True)
     with TABLE.open("w", encoding="ascii", newline="") as file:
         csv.writer(file, lineterminator="\n").writerows([HEADER, *rows])

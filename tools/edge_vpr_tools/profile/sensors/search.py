@@ -30,10 +30,7 @@ def find_sensors(root: Path = ROOT) -> tuple[list[Sensor], list[Missing]]:
 
 
 def choose_sensor(
-    root: Path = ROOT,
-    *,
-    name: str | None = None,
-    shunt_mohm: float | None = None,
+    root: Path, *, name: str | None, shunt_mohm: float | None
 ) -> tuple[Sensor | None, list[Missing]]:
     """Open the sensor of a name, else the best sensor of the machine.
 
