@@ -64,17 +64,21 @@ def test_a_line_that_is_no_reading_is_counted_and_moves_nothing(text):
     assert (line.distance_mm, line.readings, line.refused) == (2_500, 2, 1)
 
 
+def reader_of(monkeypatch, take, say=lambda *_, **__: None):
+    """A reader of an odometer that takes these chunks at once."""
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        address = f"tcp://127.0.0.1:{server.getsockname()[1]}"
+        reader = OdometerReader(address, say, retry=False)
+    monkeypatch.setattr(reader._reader, "take", take)
+    monkeypatch.setattr("edge_vpr.live.odometer._LOOK_S", 0.0)
+    return reader
+
+
 @pytest.mark.parametrize("block", [b"1.5\n" * 16_384, b"1" * 65_536, b"\n" * 65_536])
 def test_an_odometer_that_never_pauses_keeps_nothing_waiting(block, monkeypatch):
     """Parsed line by line, at 2 MB/s it took all the time that matching and SIGTERM had."""
-    with socket.create_server(("127.0.0.1", 0)) as server:
-        address = f"tcp://127.0.0.1:{server.getsockname()[1]}"
-        reader = OdometerReader(address, lambda *_, **__: None, retry=False)
     taken = []
-    monkeypatch.setattr(
-        reader._reader, "take", lambda _: taken.append(1) or Chunk(block, 0.0, 0, False)
-    )
-    monkeypatch.setattr("edge_vpr.live.odometer._LOOK_S", 0.0)
+    reader = reader_of(monkeypatch, lambda _: taken.append(1) or Chunk(block, 0.0))
     calls = Counter()
     sys.setprofile(lambda _, event, __: calls.update([event]))
     try:
@@ -88,13 +92,8 @@ def test_an_odometer_that_never_pauses_keeps_nothing_waiting(block, monkeypatch)
 
 
 def test_lines_that_are_no_readings_are_said_once(monkeypatch):
-    said = []
-    with socket.create_server(("127.0.0.1", 0)) as server:
-        address = f"tcp://127.0.0.1:{server.getsockname()[1]}"
-        reader = OdometerReader(address, lambda *words, **_: said.append(words), retry=False)
-    pieces = [Chunk(b"what is this?\n", 0.0, 0, False), None] * 3
-    monkeypatch.setattr(reader._reader, "take", lambda _: pieces.pop(0))
-    monkeypatch.setattr("edge_vpr.live.odometer._LOOK_S", 0.0)
+    said, pieces = [], [Chunk(b"what is this?\n", 0.0), None] * 3
+    reader = reader_of(monkeypatch, lambda _: pieces.pop(0), lambda *words, **_: said.append(words))
     assert [reader.look() for _ in range(3)] == [None] * 3
     reader.stop()
     ((kind, text),) = said
@@ -217,10 +216,7 @@ def test_what_is_driven_while_the_line_stands_still_is_read_with_the_events_of_t
     shown, read, pipe = [], [], Pipe()
     stand_in = SimpleNamespace(look=lambda: shown.pop() if shown else None, stop=lambda: None)
     monkeypatch.setattr(session_module, "OdometerReader", lambda *_, **__: stand_in)
-    events, encoder = (
-        read_events(drive / "query.npz"),
-        open_encoder("evpr", SENSOR),
-    )
+    events, encoder = read_events(drive / "query.npz"), open_encoder("evpr", SENSOR)
     with LiveSession(
         pipe, protocol="evpr", reference=drive / "map.npz", odometry="/dev/null0"
     ) as session:

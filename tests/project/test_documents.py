@@ -57,16 +57,6 @@ def with_python() -> list[str]:
     return [page for page in PAGES if blocks(page, "python")]
 
 
-def names_for(page: str) -> dict[str, Any]:
-    """Give what the page's reader has already."""
-    if page == "docs/live.md":
-        events = random_events(np.random.default_rng(3), 4_000, Sensor(32, 24), 2_000_000)
-        settings = PRESETS["default"].replaced({"pixels": 20, "sigma": 1.0, "tau": "100ms"}, "")
-        Path("sent.bin").write_bytes(sent_by(events, Sensor(32, 24)))
-        ReferenceMap.build(Drive(events, Sensor(32, 24)), settings).save("map.npz")
-    return {}
-
-
 #: pages whose Python simulates whole drives
 SIMULATING = ("README.md", "docs/laboratory.md")
 
@@ -83,7 +73,12 @@ def test_the_python_of_a_page_runs_block_after_block(page, tmp_path, monkeypatch
     events = random_events(np.random.default_rng(0), 4_000, Sensor(32, 24), 1_000_000)
     for name in ("drive.raw", "drive2.raw"):
         write_recording(tmp_path / name, events, sensor=Sensor(32, 24))
-    names = names_for(page)
+    if page == "docs/live.md":
+        events = random_events(np.random.default_rng(3), 4_000, Sensor(32, 24), 2_000_000)
+        settings = PRESETS["default"].replaced({"pixels": 20, "sigma": 1.0, "tau": "100ms"}, "")
+        Path("sent.bin").write_bytes(sent_by(events, Sensor(32, 24)))
+        ReferenceMap.build(Drive(events, Sensor(32, 24)), settings).save("map.npz")
+    names: dict[str, Any] = {}
     for number, block in enumerate(blocks(page, "python"), 1):
         block = block.replace("/dev/ttyACM0", "sent.bin")
         exec(compile(block, f"{page}, block {number}", "exec"), names)
@@ -297,9 +292,14 @@ def test_every_picture_and_table_of_docs_is_on_a_page():
     assert {name for name in tables if f"{name}," not in listed} == set()
 
 
-def test_every_experiment_that_pages_and_the_list_of_results_show_is_one():
+def listed_results() -> dict[str, str]:
+    """Give the command that makes each file of results."""
     with (ROOT / "docs/results/files.csv").open(newline="") as file:
-        lines = [row["command"] for row in csv.DictReader(file)]
+        return {row["file"]: row["command"] for row in csv.DictReader(file)}
+
+
+def test_every_experiment_that_pages_and_the_list_of_results_show_is_one():
+    lines = [*listed_results().values()]
     lines += [line for page in PAGES for line in commands(page, "python -m lab")]
     lines = [line for line in lines if line.startswith("python -m lab ") and "--help" not in line]
     assert len(lines) > 10
@@ -309,10 +309,8 @@ def test_every_experiment_that_pages_and_the_list_of_results_show_is_one():
 
 def test_the_command_of_a_table_makes_all_of_its_seeds():
     """Rows that it does not make would stay as they were when it is run again."""
-    with (ROOT / "docs/results/files.csv").open(newline="") as file:
-        listed = {row["file"]: row["command"] for row in csv.DictReader(file)}
     checked = 0
-    for name, command in listed.items():
+    for name, command in listed_results().items():
         if not command.startswith("python -m lab "):
             continue
         seeds = parser().parse_args(shlex.split(command)[3:]).seeds
@@ -326,18 +324,11 @@ def test_the_command_of_a_table_makes_all_of_its_seeds():
 def test_only_who_names_the_published_results_replaces_them():
     """A user's experiment writes elsewhere; the commands of the list, and make, name the folder."""
     assert not parser().parse_args(["simulated"]).output.startswith("docs")
-    with (ROOT / "docs/results/files.csv").open(newline="") as file:
-        commands = [row["command"] for row in csv.DictReader(file)]
+    commands = [*listed_results().values()]
     commands += (ROOT / "Makefile").read_text().splitlines()
     commands = [command for command in commands if "python -m lab" in command]
     assert len(commands) > 10
     assert [command for command in commands if "-o docs/results" not in command] == []
-
-
-def named_on(page: str) -> set[str]:
-    """Give what the page has between backticks, without code blocks."""
-    text = _BLOCK.sub("", (ROOT / page).read_text())
-    return set(re.findall(r"`([^`\n]+)`", text))
 
 
 def test_the_page_of_outputs_names_every_column_and_key(tmp_path):
@@ -369,5 +360,7 @@ def test_the_page_of_outputs_names_every_column_and_key(tmp_path):
         *(field.name for field in fields(OnlineMetrics)),
         *json.loads((tmp_path / "results/run.json").read_text()),
     }  # fmt: skip
-    named = " ".join(named_on("docs/outputs.md"))
+    # between backticks, outside of code blocks
+    text = _BLOCK.sub("", (ROOT / "docs/outputs.md").read_text())
+    named = " ".join(re.findall(r"`([^`\n]+)`", text))
     assert {name for name in written if not re.search(rf"\b{name}\b", named)} == set()

@@ -51,12 +51,10 @@ def test_the_caption_of_brisbane_is_its_row_of_the_table(prose):
 
 
 def test_other_light_is_that_of_the_table_of_rivals(prose):
-    with (ROOT / "docs/results/rivals.csv").open(encoding="utf-8", newline="") as file:
-        rows = [
-            row for row in csv.DictReader(file)
-            if row["drives"] == "Brisbane, 49 pixels, half a day on sunset2"
-            and row["tolerance"] == "70 m" and row["matching"] == "place filter, live"
-        ]  # fmt: skip
+    rows = rows_of(
+        "rivals.csv", drives="Brisbane, 49 pixels, half a day on sunset2", tolerance="70 m",
+        matching="place filter, live",
+    )  # fmt: skip
     (ours,) = (row for row in rows if row["system"].startswith("edge-vpr"))
     (theirs,) = (row for row in rows if row["system"].startswith("patch-normalised"))
     assert int(theirs["bytes per place"]) > 20 * int(ours["bytes per place"])
