@@ -11,12 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from edge_vpr.descriptors.activity import find_pauses
-from edge_vpr.descriptors.codes import (
-    counted_events,
-    encode,
-    limits_of,
-    saturated,
-)
+from edge_vpr.descriptors.codes import counted_events, encode, limits_of, saturated
 from edge_vpr.descriptors.published import PublishedWindows
 from edge_vpr.reference_map import ReferenceMap
 from firmware_model.specification import (

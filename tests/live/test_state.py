@@ -192,8 +192,7 @@ def spoilt(what, state):
 
 
 @pytest.mark.parametrize(
-    "what",
-    ["cut", "flipped", "empty", "of fewer arrays", "of another version", "old", "of later"],
+    "what", ["cut", "flipped", "empty", "of fewer arrays", "of another version", "old", "of later"]
 )
 def test_a_state_that_cannot_be_used_is_told_and_costs_nothing_else(what, street, tmp_path):
     path, events, _ = street

@@ -88,12 +88,7 @@ def test_3_a_position_is_never_invented():
     for reference, query, tolerance_m, says in (
         (line(20), line(20, first=60), 4.0, "query track covers 60 to 80 s .* and no window"),
         (line(20), line(20, begin_m=900.0), 4.0, "no query lies within 4 m of any place"),
-        (
-            line(20),
-            line(20),
-            60.0,
-            "of all pairs of place .* positions in the unit",
-        ),
+        (line(20), line(20), 60.0, "of all pairs of place .* positions in the unit"),
     ):
         with pytest.raises(EdgeVprError, match=says):
             from_tracks(reference, query, centres(20), centres(20), tolerance_m)

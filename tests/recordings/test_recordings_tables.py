@@ -415,10 +415,7 @@ def test_seconds_and_their_fractions_in_two_columns_are_refused_by_name(names, s
 @pytest.mark.parametrize(
     ("content", "words"),
     [
-        (
-            b"0 9 1 2 1\n" * 9,
-            "5 columns a line, and t, x, y, p are 4.*a time in two columns",
-        ),
+        (b"0 9 1 2 1\n" * 9, "5 columns a line, and t, x, y, p are 4.*a time in two columns"),
         (b"0,009,1,2,1\n" * 9, "5 columns a line.*decimal comma between semicolons"),
         (b"9,1\n" * 9, "2 columns a line, and t, x, y, p are 4"),
         (b"1 " * 10**6, "no line feed"),

@@ -18,13 +18,7 @@ from edge_vpr_tools.commands import estimate as estimate_arguments
 from edge_vpr_tools.commands.estimate import workload_of
 from edge_vpr_tools.estimate import emulation, fitting, targets
 from edge_vpr_tools.estimate import model as counts
-from edge_vpr_tools.estimate.fitting import (
-    FIRMWARE_LIMITS,
-    Budget,
-    Tried,
-    on_target,
-    recommend,
-)
+from edge_vpr_tools.estimate.fitting import FIRMWARE_LIMITS, Budget, Tried, on_target, recommend
 from edge_vpr_tools.estimate.model import Mission, cost, firmware, instructions_of
 from edge_vpr_tools.estimate.of_map import design_of, event_rates
 

@@ -29,14 +29,7 @@ from edge_vpr.errors import (
     printable,
 )
 from edge_vpr.run_log import compiling_reported
-from edge_vpr_tools.console import (
-    error_line,
-    handled,
-    in_flags,
-    note,
-    running,
-    warning,
-)
+from edge_vpr_tools.console import error_line, handled, in_flags, note, running, warning
 
 # The commands (verbs) of the command line, by group, each with its one line of help.
 
@@ -76,9 +69,7 @@ GROUPS: dict[str, dict[str, str]] = {
         "profile compare": "compare two profiles",
         "profile trace": "add the energy that an external power meter recorded to a profile",
     },
-    "this program": {
-        "doctor": "show what this machine has: libraries, kernels, ports, sensors",
-    },
+    "this program": {"doctor": "show what this machine has: libraries, kernels, ports, sensors"},
 }
 VERBS = {verb: text for verbs in GROUPS.values() for verb, text in verbs.items()}
 

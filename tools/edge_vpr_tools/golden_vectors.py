@@ -17,11 +17,7 @@ from edge_vpr.reference_map import ReferenceMap
 from edge_vpr_tools.estimate.fitting import Budget
 from edge_vpr_tools.estimate.of_map import memories_of
 from firmware_model import Design, Event
-from firmware_model.vectors import (
-    AIMED,
-    Case,
-    load_manifest,
-)
+from firmware_model.vectors import AIMED, Case, load_manifest
 from firmware_model.vectors.facts import facts_for, own_facts
 from firmware_model.vectors.manifest import SuiteEntry
 

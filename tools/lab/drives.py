@@ -14,25 +14,14 @@ import numpy as np
 from edge_vpr.descriptors.pixels import PixelMap
 from edge_vpr.descriptors.published import PublishedWindows
 from edge_vpr.errors import UsageError
-from edge_vpr.evaluation.ground_truth import (
-    Alignment,
-    GroundTruth,
-    from_alignment,
-    load_alignment,
-)
+from edge_vpr.evaluation.ground_truth import Alignment, GroundTruth, from_alignment, load_alignment
 from edge_vpr.evaluation.track_files import load_track
 from edge_vpr.events import Sensor
 from edge_vpr.recordings import open_recording
 from edge_vpr.settings import PRESETS
 from edge_vpr.simulation import QUERY, Drive, Light, SimulatedRecording, simulate_pair
 from edge_vpr.simulation.drive import wheel_odometry
-from lab.datasets import (
-    DATA_SETS,
-    STAND_INS,
-    Download,
-    published_pairs,
-    traverses_in,
-)
+from lab.datasets import DATA_SETS, STAND_INS, Download, published_pairs, traverses_in
 from lab.loop import Drives
 from lab.pairs import (
     SIMULATED,

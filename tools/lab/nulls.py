@@ -36,10 +36,7 @@ def null_queries(
             "pixels shuffled in each window",
             replace(counted, counts=rng.permuted(counted.counts, axis=1)),
         ),
-        (
-            "pixels shuffled once",
-            replace(counted, counts=rng.permutation(counted.counts, axis=1)),
-        ),
+        ("pixels shuffled once", replace(counted, counts=rng.permutation(counted.counts, axis=1))),
     ):
         # at the times of the query, so that only what is seen differs
         timed = replace(shown, start_us=counted.start_us, end_us=counted.end_us)
@@ -81,8 +78,4 @@ def null_rows(
             "R@99P": evaluation.recall_at_99_precision,
         }
     if not ending:
-        yield {
-            column: CONSTANT_SPEED,
-            CHOSEN_ON: BY_NOBODY,
-            "P@100R": constant_speed(pair.truth),
-        }
+        yield {column: CONSTANT_SPEED, CHOSEN_ON: BY_NOBODY, "P@100R": constant_speed(pair.truth)}

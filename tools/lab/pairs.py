@@ -347,10 +347,7 @@ class CountedPair:
         return system.distances(places, queries)
 
     def match(
-        self,
-        distances: npt.NDArray[np.floating],
-        settings: Settings,
-        part: slice = slice(None),
+        self, distances: npt.NDArray[np.floating], settings: Settings, part: slice = slice(None)
     ) -> Matches:
         """Match a part of the query by distances, shape (K, Q).
 

@@ -141,9 +141,7 @@ STAGES = {
         packages=("firmware_model", "firmware_model.vectors"),
     ),
     "fixedpoint": Stage(
-        "Number formats",
-        "Unsigned integers of a given width.",
-        packages=("fixedpoint",),
+        "Number formats", "Unsigned integers of a given width.", packages=("fixedpoint",)
     ),
 }
 

@@ -21,9 +21,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "runs", metavar="RUN.csv", nargs="+", help="file that edge-vpr sweep wrote"
     )  # fmt: skip
     output = add_output_flags(
-        parser,
-        help="folder for the table of means over drives, and for the figure",
-        required=False,
+        parser, help="folder for the table of means over drives, and for the figure", required=False
     )
     add_figures_flag(output, "png")
     output.add_argument(

@@ -104,12 +104,7 @@ def run(args: argparse.Namespace) -> None:
         write_report,
     )
     from edge_vpr_tools.report.verdict import outcome_of
-    from edge_vpr_tools.truth_files import (
-        TruthFiles,
-        load_evaluated,
-        parse_tolerances,
-        truth_of,
-    )
+    from edge_vpr_tools.truth_files import TruthFiles, load_evaluated, parse_tolerances, truth_of
 
     folder = Path(args.results)
     tolerances, in_seconds = parse_tolerances(args.tolerance)
@@ -123,10 +118,7 @@ def run(args: argparse.Namespace) -> None:
 
     def judged(truth: GroundTruth) -> Evaluation:
         return evaluate(
-            matches,
-            truth,
-            score=args.score,
-            recall_denominator=args.recall_denominator,
+            matches, truth, score=args.score, recall_denominator=args.recall_denominator
         )
 
     evaluation = judged(truth)

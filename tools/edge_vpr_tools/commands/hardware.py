@@ -66,10 +66,7 @@ def run(args: argparse.Namespace) -> None:
         reference = ReferenceMap.load(args.map)
         design = design_of(reference, args.lanes)
         memories = memories_of(reference, design)
-    with (
-        replacing_folder(output, overwrite=False) as folder,
-        status("golden vectors") as show_case,
-    ):
+    with replacing_folder(output, overwrite=False) as folder, status("golden vectors") as show_case:
         write_project(
             folder, memories, 0,
             most_bytes=vectors_size(args.vectors), on_case=show_case,

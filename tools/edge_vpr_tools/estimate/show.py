@@ -165,9 +165,7 @@ def design_text(of: Design) -> str:
 
 
 def show_recommended(
-    recommended: Mapping[Target, Recommendation],
-    budgets: Sequence[Budget],
-    mission: Mission,
+    recommended: Mapping[Target, Recommendation], budgets: Sequence[Budget], mission: Mission
 ) -> None:
     """Print the design that is recommended for each target within the budgets."""
     rows: list[list[str]] = []

@@ -19,14 +19,7 @@ from edge_vpr.records import from_json, parse_errors, read_json
 from edge_vpr.results import RunRecord, run_record
 from edge_vpr_tools.console import note
 from edge_vpr_tools.profile.conditions import Conditions, void_because
-from edge_vpr_tools.profile.measurement import (
-    Energy,
-    Plan,
-    Trace,
-    analyse,
-    measure,
-    take_turns,
-)
+from edge_vpr_tools.profile.measurement import Energy, Plan, Trace, analyse, measure, take_turns
 from edge_vpr_tools.profile.meter_trace import Stated, ahead_s, check_turns, read_meter
 from edge_vpr_tools.profile.sensors.sensor import (
     ROOT,
@@ -36,11 +29,7 @@ from edge_vpr_tools.profile.sensors.sensor import (
     SensorError,
     read_text,
 )
-from edge_vpr_tools.profile.workload import (
-    Throughput,
-    Workload,
-    measure_throughput,
-)
+from edge_vpr_tools.profile.workload import Throughput, Workload, measure_throughput
 
 # The record: what `profile.json` holds.
 

@@ -14,12 +14,7 @@ from edge_vpr import results
 from edge_vpr.records import parse_errors, write_json
 from edge_vpr_tools.console import say, table
 from edge_vpr_tools.profile.measurement import Energy
-from edge_vpr_tools.profile.profiling import (
-    PROFILE,
-    Number,
-    Profile,
-    numbers,
-)
+from edge_vpr_tools.profile.profiling import PROFILE, Number, Profile, numbers
 from edge_vpr_tools.profile.sensors.sensor import About
 from edge_vpr_tools.profile.workload import PACKET
 from edge_vpr_tools.report.page import Page, add_run, quantity

@@ -30,23 +30,8 @@ from edge_vpr.odometry import Odometry
 from edge_vpr.recordings.reading import EventSource
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.route import Route
-from edge_vpr_tools.report.figures import (
-    Window,
-    along_route,
-    dot_sizes,
-    draw_window,
-    total_counts,
-)
-from edge_vpr_tools.report.style import (
-    BLACK,
-    BLUE,
-    GREEN,
-    GREY,
-    ORANGE,
-    RED,
-    SKY,
-    panels,
-)
+from edge_vpr_tools.report.figures import Window, along_route, dot_sizes, draw_window, total_counts
+from edge_vpr_tools.report.style import BLACK, BLUE, GREEN, GREY, ORANGE, RED, SKY, panels
 from edge_vpr_tools.report.verdict import Outcome, outcome_of
 from edge_vpr_tools.truth_files import TruthFiles, truth_of
 

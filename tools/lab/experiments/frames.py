@@ -25,14 +25,7 @@ from lab.datasets import PublishedDrive, PublishedPair, published_pairs
 from lab.drives import LENGTH_M
 from lab.intensity import BagImages, frames_at, simulated_images
 from lab.loop import Draw, Drives, Experiment, Row
-from lab.pairs import (
-    SIMULATED,
-    CountedDrive,
-    CountedPair,
-    Pair,
-    Times,
-    truths_of_tracks,
-)
+from lab.pairs import SIMULATED, CountedDrive, CountedPair, Pair, Times, truths_of_tracks
 
 SETTINGS = PRESETS["paper"]
 
@@ -130,8 +123,5 @@ def drives(data: Path | None) -> list[Drives]:
 
 
 EXPERIMENT = Experiment(
-    drives=drives,
-    names=("seen", "system"),
-    measure=measure,
-    takes_systems=True,
+    drives=drives, names=("seen", "system"), measure=measure, takes_systems=True
 )

@@ -20,13 +20,7 @@ from edge_vpr.errors import UsageError
 from edge_vpr.events import Sensor
 from edge_vpr.recordings import Faults
 from lab.codes import TableCode
-from lab.drives import (
-    INDOOR,
-    PAPER,
-    WALKS,
-    recorded_drives,
-    without_pairs,
-)
+from lab.drives import INDOOR, PAPER, WALKS, recorded_drives, without_pairs
 from lab.loop import Draw, Drives, Experiment, Row
 from lab.pairs import MappedPair, Pair, count_drive
 from lab.registration import register
@@ -142,8 +136,4 @@ def drives(data: Path | None) -> list[Drives]:
     return pairs
 
 
-EXPERIMENT = Experiment(
-    drives=drives,
-    names=("way", "shift"),
-    measure=measure,
-)
+EXPERIMENT = Experiment(drives=drives, names=("way", "shift"), measure=measure)

@@ -58,10 +58,6 @@ EXPERIMENT = Experiment(
     names=("matching", "pixels chosen by", "pixels"),
     measure=measure,
     figure=partial(
-        lines,
-        x="pixels",
-        y="P@100R",
-        line="pixels chosen by",
-        panel=("drives", "matching"),
+        lines, x="pixels", y="P@100R", line="pixels chosen by", panel=("drives", "matching")
     ),
 )

@@ -19,22 +19,9 @@ import numpy as np
 from edge_vpr.odometry import Odometry
 from lab.codes import Code, OwnMean, TableCode
 from lab.drives import STREETS, recorded_drives, street_pairs
-from lab.loop import (
-    CHOSEN_ON,
-    DRIVES,
-    Draw,
-    Drives,
-    Experiment,
-    Row,
-)
+from lab.loop import CHOSEN_ON, DRIVES, Draw, Drives, Experiment, Row
 from lab.nulls import BY_AUTHORS, BY_US, null_rows
-from lab.pairs import (
-    INNER,
-    MappedPair,
-    Pair,
-    inner_share,
-    rates,
-)
+from lab.pairs import INNER, MappedPair, Pair, inner_share, rates
 from lab.tables import TableView
 
 # Settings that the place filter is compared by.
@@ -55,10 +42,7 @@ VARIANTS: Mapping[str, tuple[Mapping[str, Any], Code | None]] = {
 ROBOT = "place filter, running mean (robot)"
 BEST = "place filter, contrast, smoothed (default)"
 #: the same with the default's places, which are at half windows where events were recorded
-DEFAULTS: Mapping[str, Mapping[str, Any]] = {
-    ROBOT: _ROBOT,
-    BEST: {**_ROBOT, "smooth": True},
-}
+DEFAULTS: Mapping[str, Mapping[str, Any]] = {ROBOT: _ROBOT, BEST: {**_ROBOT, "smooth": True}}
 AT_WHOLE = ", places at whole windows"
 #: windows of the longest sequences
 LONGEST = 10

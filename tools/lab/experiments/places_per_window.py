@@ -41,10 +41,7 @@ LIGHTS: Mapping[str, str] = {
     "in low sun": "street, low sun",
     "at noon": "street, noon",
 }
-MATCHED: Mapping[str, Mapping[str, Any]] = {
-    "live": {"smooth": False},
-    "recorded": {},
-}
+MATCHED: Mapping[str, Mapping[str, Any]] = {"live": {"smooth": False}, "recorded": {}}
 
 
 def open_street(seed: int) -> list[Pair]:

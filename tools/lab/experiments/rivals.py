@@ -30,14 +30,7 @@ from lab.baselines import Baseline, baseline_names, compare, open_baseline
 from lab.baselines.selected_pixels import SelectedPixels
 from lab.drives import contests
 from lab.loop import CHOSEN_ON, Draw, Experiment, Row, Rows
-from lab.nulls import (
-    BY_AUTHORS,
-    BY_NOBODY,
-    BY_US,
-    CONSTANT_SPEED,
-    constant_speed,
-    null_queries,
-)
+from lab.nulls import BY_AUTHORS, BY_NOBODY, BY_US, CONSTANT_SPEED, constant_speed, null_queries
 from lab.pairs import INNER, CountedPair, inner_share, rates
 from lab.plots import dots
 from lab.tables import TableView
@@ -269,10 +262,7 @@ def _starts(system: System, decoder: Decoder, windows: int) -> list[_Start]:
 
 
 def first_correct(
-    starts: Sequence[_Start],
-    decoder: Decoder,
-    centre_us: npt.NDArray[np.int64],
-    truth: GroundTruth,
+    starts: Sequence[_Start], decoder: Decoder, centre_us: npt.NDArray[np.int64], truth: GroundTruth
 ) -> dict[str, Any]:
     """Return the median time from switching on to the first correct match, and its frequency.
 

@@ -34,14 +34,7 @@ from edge_vpr.simulation.drive import QUERY, REFERENCE, wheel_odometry
 from lab.drives import STREETS, second_drive
 from lab.first_matches import first_matches
 from lab.loop import Draw, Drives, Experiment, Row
-from lab.pairs import (
-    TOLERANCE_M,
-    TRUSTED_M,
-    MappedPair,
-    Tracks,
-    rates,
-    truth_of_tracks,
-)
+from lab.pairs import TOLERANCE_M, TRUSTED_M, MappedPair, Tracks, rates, truth_of_tracks
 from lab.tables import TableView
 
 FIRST_SEED = 10

@@ -22,15 +22,7 @@ from edge_vpr.matching.drive import filter_drive
 from edge_vpr.matching.place_filter import PlaceFilter
 from lab.drives import recorded_drives
 from lab.experiments.place_filter import DEFAULTS, ROBOT, driven, driven_street
-from lab.loop import (
-    CHOSEN_ON,
-    DRIVES,
-    Draw,
-    Drives,
-    Experiment,
-    Row,
-    Rows,
-)
+from lab.loop import CHOSEN_ON, DRIVES, Draw, Drives, Experiment, Row, Rows
 from lab.nulls import BY_US, null_queries
 from lab.pairs import MappedPair
 from lab.plots import lines

@@ -9,11 +9,7 @@ from lab.codes import TableCode
 from lab.drives import FIRST_SEED, simulated_pair
 from lab.loop import Drives
 from lab.pairs import SIMULATED
-from lab.variants import (
-    DEFAULT_MATCHING,
-    Variant,
-    variants_experiment,
-)
+from lab.variants import DEFAULT_MATCHING, Variant, variants_experiment
 
 DEFAULT = "150 varying pixels, place filter (default)"
 VARIANTS = (

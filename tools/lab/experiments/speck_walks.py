@@ -3,11 +3,7 @@
 from __future__ import annotations
 
 from lab.drives import walks
-from lab.variants import (
-    DEFAULT_MATCHING,
-    Variant,
-    variants_experiment,
-)
+from lab.variants import DEFAULT_MATCHING, Variant, variants_experiment
 
 DEFAULT = "150 pixels, place filter (default)"
 VARIANTS = (

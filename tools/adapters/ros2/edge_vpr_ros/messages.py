@@ -353,9 +353,7 @@ def _header(stamp_us: int, frame: str) -> dict[str, Any]:
     return {"stamp": {"sec": seconds, "nanosec": 1_000 * rest_us}, "frame_id": frame}
 
 
-def _placed(
-    row: Mapping[str, Any],
-) -> tuple[dict[str, float], dict[str, float] | None]:
+def _placed(row: Mapping[str, Any]) -> tuple[dict[str, float], dict[str, float] | None]:
     """Return the point of a row in the plane of the map, and its orientation if it is known."""
     point = {axis: _number(row, f"{axis}_m") or 0.0 for axis in "xyz"}
     heading_deg = _number(row, "heading_deg")
