@@ -191,16 +191,7 @@ def _change_digits(out: bytearray, at: int, rng: np.random.Generator) -> None:
     while end < len(out) and 48 <= out[end] <= 57:
         end += 1
     words = [str(number).encode() for number in NUMBERS]
-    words += [
-        b"-1",
-        b"1e9",
-        b"1e999999999",
-        b"nan",
-        b"inf",
-        b"((((((((((((",
-        b"\x1b[2J",
-        b"9" * 5000,
-    ]
+    words += [b"-1", b"1e9", b"1e999999999", b"nan", b"inf", b"(" * 12, b"\x1b[2J", b"9" * 5000]
     out[at:end] = words[int(rng.integers(len(words)))]
 
 

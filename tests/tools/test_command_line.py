@@ -93,8 +93,6 @@ WRONG_USE = [
     ("replay {d}/results -o {t}/match.gif --start 50", 2, "no window lies between 50.0 and None s"),
     ("simulate -o {d}/results", 2, "exists: name another"),
     ("simulate -o {t}/pair --sensor tiny --seed -3", 2, "seed is -3"),
-    ("simulate -o {t}/pair --sensor tiny --length 1", 2, "length_m is 1"),
-    ("simulate -o {t}/pair --sensor tiny --speed 0", 2, "speed of 0.0 m/s"),
     ("simulate -o {t}/pair --sensor tiny --speed-range 0.5", 2, "factor of 0.5"),
     ("simulate -o {t}/pair --sensor tiny --stops -1", 2, "stops is -1"),
     ("bridge {d}/query.npz --speed=-1", 2, "give 1 for real time"),
