@@ -415,11 +415,12 @@ class FittingWindow(NamedTuple):
     """The length of window that fits the speed of a drive, from `fitting_window`."""
 
     tau_us: int
-    fact: str  #: Travel or events in a window of the map, as text.
+    travel_m: float | None  #: Of the median window of the map; None without track or odometry.
+    events_per_pixel: float  #: Mean of a window of the map, at each selected pixel.
 
 
 #: travel in a window that is aimed at; without a speed, events for each selected pixel and window
-_WINDOW_MM, _ENOUGH_EVENTS = 2_500, 3.0
+_WINDOW_M, _ENOUGH_EVENTS = 2.5, 3.0
 
 
 def fitting_window(reference: ReferenceMap) -> FittingWindow:
@@ -455,18 +456,18 @@ def fitting_window(reference: ReferenceMap) -> FittingWindow:
             "window=time"
         )
     tau_us, along_mm = reference.settings.tau_us, reference.along_mm
-    moved = np.empty(0)
+    moved, travel_m = np.empty(0), None
     if along_mm is not None:
         moved = np.diff(along_mm[:: reference.settings.window_parts])
         moved = moved[moved > 0.1 * moved.mean()] if moved.size else moved
+    events = float(reference.windows.selected_events.mean()) / len(reference.pixel_map)
     if moved.size:
-        travel_mm = float(np.median(moved))
-        share, fact = _WINDOW_MM / travel_mm, f"{travel_mm / 1e3:.1f} m of travel"
+        travel_m = float(np.median(moved)) / 1e3
+        share = _WINDOW_M / travel_m
     else:
-        events = float(reference.windows.selected_events.mean()) / len(reference.pixel_map)
         share = _ENOUGH_EVENTS / events if events else 1.0
-        fact = f"{events:.2g} events for each selected pixel"
-    return FittingWindow(max(tau_us, round(tau_us * share / 100_000) * 100_000), fact)
+    fitting_us = max(tau_us, round(tau_us * share / 100_000) * 100_000)
+    return FittingWindow(fitting_us, travel_m, events)
 
 
 def _with_mean_count(settings: Settings, first: PixelStatistics, pixel_map: PixelMap) -> Settings:

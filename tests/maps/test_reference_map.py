@@ -593,12 +593,13 @@ def test_a_map_says_what_its_windows_have(tmp_path, run):
     ev.write_recording(tmp_path / "slow.npz", events, sensor=sensor)
     words = ["map", tmp_path / "slow.npz", "-o", tmp_path / "map.npz", "--pixels", 5]
     said = re.search(
-        r"window +0.1 s, (0\.\d+ events for each selected pixel); --tau auto makes it 0\.(\d) s",
+        r"window +0.1 s, (0\.\d+) events for each selected pixel; --tau auto makes it 0\.(\d) s",
         run(*words, "--sigma", 0.1, "--tau", "100ms").out,
     )
     assert said is not None
     window = ev.fitting_window(ev.ReferenceMap.load(tmp_path / "map.npz"))
-    assert window.fact == said[1] and float(said[1].split()[0]) == pytest.approx(0.8, abs=0.1)
+    assert window.travel_m is None and f"{window.events_per_pixel:.2g}" == said[1]
+    assert window.events_per_pixel == pytest.approx(0.8, abs=0.1)
     assert window.tau_us == int(said[2]) * 100_000 == pytest.approx(400_000, abs=100_000)
 
 

@@ -250,8 +250,11 @@ def _of_a_window(reference: ReferenceMap) -> str:
     """Return what a window of the map's drive has, and how long --tau auto would make it."""
     from edge_vpr.map_making import fitting_window
 
-    tau_us, (fitting_us, fact) = reference.settings.tau_us, fitting_window(reference)
-    fits = f"; --tau auto makes it {fitting_us / 1e6:g} s" if fitting_us != tau_us else ""
+    tau_us, fitting = reference.settings.tau_us, fitting_window(reference)
+    fact = f"{fitting.events_per_pixel:.2g} events for each selected pixel"
+    if fitting.travel_m is not None:
+        fact = f"{fitting.travel_m:.1f} m of travel"
+    fits = f"; --tau auto makes it {fitting.tau_us / 1e6:g} s" if fitting.tau_us != tau_us else ""
     return f"{tau_us / 1e6:g} s, {fact}{fits}"
 
 
