@@ -8,7 +8,7 @@ import sys
 import xml.etree.ElementTree as ElementTree
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
-from typing import IO, Any, BinaryIO, NamedTuple
+from typing import Any, BinaryIO, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -209,54 +209,32 @@ _HEADER = np.dtype(
 )  # fmt: skip
 
 
-class PacketFile:
-    """A file of packets.
+class PacketSource(Source):
+    """Source of a file of packets."""
 
-    Attributes
-    ----------
-    position : float
-        Share of the file that has been read, 0 to 1.
-    """
-
-    def __init__(self, path: Path) -> None:
-        self.path = path
-        self.position = 0.0
-
-    def damaged(self, at: int, why: object) -> RecordingError:
+    def _damaged(self, at: int, why: object) -> RecordingError:
         """Return the error for a packet that cannot be read."""
         return RecordingError(
             f"{self.path} is damaged in the packet at byte {at:,} ({why}): copy it again"
         )
 
 
-class Packet(NamedTuple):
-    """Events of one packet."""
-
-    at: int  #: Byte of the file at which the packet begins.
-    origin_us: int  #: Is added to the 31-bit times of the events.
-    event_bytes: int  #: Bytes of one event.
-    data: bytes
+# Polarity events of AEDAT 3.1; column 0, row 0 is the upper left pixel (``polarity.h``).
 
 
-class Aedat3File(PacketFile):
-    """Header and packets of a file.
+_AEDAT3_EVENT = np.dtype([("data", "<u4"), ("t", "<i4")])
 
-    Attributes
-    ----------
-    sources : dict of int to str
-        Cameras by their numbers.
 
-    Raises
-    ------
-    RecordingError
-        If the header is damaged, or the packets are compressed.
+class Aedat3Source(PacketSource):
+    """Source of the events of one camera; times are those of its clock.
+
+    The 32 bits of an event are column, row (15 bits each), polarity and validity. Events that the
+    recorder's filters marked as invalid are left out.
     """
 
-    def __init__(self, path: Path) -> None:
-        super().__init__(path)
-        self._size = path.stat().st_size
-        lines = self._read_header()
-        self.sources = {
+    def __init__(self, path: Path, options: ReadOptions) -> None:
+        lines, self._start = _read_lines(path)
+        cameras = {
             int(match[1]): match[2].decode("ascii", "replace").strip()
             for line in lines
             if (match := re.match(rb"#Source (\d{1,5}): (.*)", line))
@@ -268,23 +246,21 @@ class Aedat3File(PacketFile):
                 f"{path} is AEDAT 3.1 of format {form}, and only RAW is read: convert it with DV "
                 "to AEDAT 4"
             )
+        self._size = path.stat().st_size
+        self._camera = choose_stream(path, cameras, options.topic, _CAMERAS)
+        super().__init__(path, options, chip_size(cameras[self._camera]))
 
-    def sensor_of(self, source: int) -> Sensor | None:
-        """Return the size of a camera's sensor; None if the camera is unknown."""
-        return chip_size(self.sources.get(source, ""))
+    def chunks(self, log: FaultLog) -> Iterator[Columns]:
+        """Yield the events, a packet at a time; see :class:`Source`."""
+        for origin_us, packet in self._packets(log):
+            events = np.frombuffer(packet, _AEDAT3_EVENT)
+            events = events[events["data"] & 1 == 1]
+            t, data = events["t"].astype(np.int64) + origin_us, events["data"]
+            columns = Columns(t, data >> 17, data >> 2 & 0x7FFF, data & 2 == 2)
+            yield from in_chunks(columns, self.options.chunk_events)
 
-    def choose(self, wanted: str | None) -> int:
-        """Return the number of a camera; see `choose_stream`."""
-        return choose_stream(self.path, self.sources, wanted, _CAMERAS)
-
-    def packets(self, source: int, log: FaultLog) -> Iterator[Packet]:
-        """Yield the packets of the polarity events of a camera.
-
-        Raises
-        ------
-        RecordingError
-            If a packet is damaged, or the end is cut off (unless `log` allows that).
-        """
+    def _packets(self, log: FaultLog) -> Iterator[tuple[int, bytes]]:
+        """Yield the camera's packets of polarity events: what to add to their times, and events."""
         at = self._start
         with self.path.open("rb") as file:
             file.seek(at)
@@ -297,7 +273,7 @@ class Aedat3File(PacketFile):
                 fields = np.frombuffer(head, _HEADER)[0]
                 event_bytes, number = int(fields["size"]), int(fields["number"])
                 if event_bytes <= 0 or number < 0 or fields["wraps"] < 0 or fields["type"] < 0:
-                    raise self.damaged(
+                    raise self._damaged(
                         at,
                         f"{number} events of {event_bytes} bytes, type {fields['type']}, "
                         f"{fields['wraps']} wraps",
@@ -306,69 +282,39 @@ class Aedat3File(PacketFile):
                 if _HEADER.itemsize + length > left:
                     log.truncated(left, f"byte {at:,}, within a packet")
                     return
-                if (fields["type"], fields["source"]) == (_POLARITY, source):
+                if (fields["type"], fields["source"]) == (_POLARITY, self._camera):
                     if length > LIMIT_BYTES:
-                        raise self.damaged(
+                        raise self._damaged(
                             at, f"it claims {length:,} bytes, and the most is {LIMIT_BYTES:,}"
                         )
-                    origin_us = int(fields["wraps"]) << 31
-                    yield Packet(at, origin_us, event_bytes, file.read(length))
+                    if event_bytes != _AEDAT3_EVENT.itemsize:
+                        raise self._damaged(at, f"events of {event_bytes} bytes")
+                    yield int(fields["wraps"]) << 31, file.read(length)
                 else:
                     file.seek(length, 1)
                 at += _HEADER.itemsize + length
                 self.position = at / self._size
 
-    def _read_header(self) -> list[bytes]:
-        """Read the lines of the header, up to the one that ends it."""
-        lines = []
-        with self.path.open("rb") as file:
-            if file.read(len(_AEDAT3_MAGIC)) != _AEDAT3_MAGIC:
-                raise RecordingError(f"{self.path} is not AEDAT 3.1: check what recorded it")
-            while (line := file.readline(_LONGEST_LINE)) != _END:
-                if not line.startswith(b"#") or not line.endswith(b"\n"):
-                    raise RecordingError(
-                        f"{self.path} is damaged in its header at byte {file.tell() - len(line):,} "
-                        "(no line #!END-HEADER): copy it again"
-                    )
-                if file.tell() > _LONGEST_AEDAT3_HEADER:
-                    raise RecordingError(
-                        f"{self.path} is damaged: its header is longer than "
-                        f"{_LONGEST_AEDAT3_HEADER:,} bytes: copy it again"
-                    )
-                lines.append(line)
-            self._start = file.tell()
-        return lines
 
-
-# Polarity events of AEDAT 3.1; column 0, row 0 is the upper left pixel (``polarity.h``).
-
-
-_AEDAT3_EVENT = np.dtype([("data", "<u4"), ("t", "<i4")])
-
-
-class Aedat3Source(Source):
-    """Source of the events of one camera; times are those of its clock.
-
-    The 32 bits of an event are column, row (15 bits each), polarity and validity. Events that the
-    recorder's filters marked as invalid are left out.
-    """
-
-    def __init__(self, path: Path, options: ReadOptions) -> None:
-        self._file = Aedat3File(path)
-        self._camera = self._file.choose(options.topic)
-        super().__init__(path, options, self._file.sensor_of(self._camera))
-
-    def chunks(self, log: FaultLog) -> Iterator[Columns]:
-        """Yield the events, a packet at a time; see :class:`Source`."""
-        for packet in self._file.packets(self._camera, log):
-            if packet.event_bytes != _AEDAT3_EVENT.itemsize:
-                raise self._file.damaged(packet.at, f"events of {packet.event_bytes} bytes")
-            events = np.frombuffer(packet.data, _AEDAT3_EVENT)
-            events = events[events["data"] & 1 == 1]
-            t, data = events["t"].astype(np.int64) + packet.origin_us, events["data"]
-            columns = Columns(t, data >> 17, data >> 2 & 0x7FFF, data & 2 == 2)
-            yield from in_chunks(columns, self.options.chunk_events)
-            self.position = self._file.position
+def _read_lines(path: Path) -> tuple[list[bytes], int]:
+    """Return the lines of the header, up to the one that ends it, and where the packets begin."""
+    lines = []
+    with path.open("rb") as file:
+        if file.read(len(_AEDAT3_MAGIC)) != _AEDAT3_MAGIC:
+            raise RecordingError(f"{path} is not AEDAT 3.1: check what recorded it")
+        while (line := file.readline(_LONGEST_LINE)) != _END:
+            if not line.startswith(b"#") or not line.endswith(b"\n"):
+                raise RecordingError(
+                    f"{path} is damaged in its header at byte {file.tell() - len(line):,} "
+                    "(no line #!END-HEADER): copy it again"
+                )
+            if file.tell() > _LONGEST_AEDAT3_HEADER:
+                raise RecordingError(
+                    f"{path} is damaged: its header is longer than "
+                    f"{_LONGEST_AEDAT3_HEADER:,} bytes: copy it again"
+                )
+            lines.append(line)
+        return lines, file.tell()
 
 
 # The container of AEDAT 4: compressed packets of FlatBuffers, each of one stream.
@@ -390,91 +336,6 @@ class Stream(NamedTuple):
     kind: str  #: Four letters: ``EVTS`` for events.
     name: str
     sensor: Sensor | None  #: None if the file does not state it.
-
-
-class Aedat4File(PacketFile):
-    """Header and packets of a file.
-
-    Attributes
-    ----------
-    streams : dict of int to Stream
-        By their numbers.
-
-    Raises
-    ------
-    RecordingError
-        If the file is of another format, or damaged in its header.
-    """
-
-    def __init__(self, path: Path) -> None:
-        super().__init__(path)
-        with path.open("rb") as file:
-            if file.read(len(_AEDAT4_MAGIC)) != _AEDAT4_MAGIC:
-                raise RecordingError(f"{path} is not AEDAT 4.0: check what recorded it")
-            size = file.read(4)
-            length = int.from_bytes(size, "little")
-            if length > min(path.stat().st_size, _LONGEST_AEDAT4_HEADER):
-                raise RecordingError(
-                    f"{path} is damaged: its header claims {length:,} bytes: copy it again"
-                )
-            header = size + file.read(length)
-            self._start = file.tell()
-        try:
-            compression, table, info = _io_header(header)
-            self.streams = _streams(info)
-        except (struct.error, IndexError, ValueError, ElementTree.ParseError) as error:
-            raise RecordingError(
-                f"{path} is damaged or cut off in its header ({error}): copy it again"
-            ) from error
-        file_size = path.stat().st_size
-        # the table of packets follows the packets; it is absent if the recorder was killed
-        self._end = table if self._start <= table <= file_size else file_size
-        self._decompress = _decompressor(compression, path)
-
-    def choose(self, wanted: str | None) -> int:
-        """Return the number of a stream of events."""
-        names = {number: each.name for number, each in self.streams.items() if each.kind == "EVTS"}
-        wording = Wording("stream of events", "streams of events", "record events")
-        return choose_stream(self.path, names, wanted, wording)
-
-    def packets(self, stream: int, log: FaultLog) -> Iterator[tuple[int, bytes]]:
-        """Yield the packets of a stream: the byte at which each begins, and its table.
-
-        Raises
-        ------
-        RecordingError
-            If a packet is damaged, or the end is cut off (unless `log` allows that).
-        """
-        with self.path.open("rb") as file:
-            file.seek(self._start)
-            for at, packet in self._compressed(file, stream, log):
-                try:
-                    data = self._decompress(packet)
-                except (RuntimeError, ValueError) as error:
-                    raise self.damaged(at, error) from error
-                yield at, data
-
-    def _compressed(
-        self, file: IO[bytes], wanted: int, log: FaultLog
-    ) -> Iterator[tuple[int, bytes]]:
-        at = self._start
-        while at < self._end:
-            header = file.read(8)
-            stream, size = struct.unpack("<ii", header) if len(header) == 8 else (0, 0)
-            if len(header) < 8 or at + 8 + size > self._end or size < 0:
-                log.truncated(self._end - at, f"byte {at:,}, within a packet")
-                return
-            if stream == wanted:
-                if size > LIMIT_BYTES:
-                    raise RecordingError(
-                        f"{self.path} is damaged: the packet at byte {at:,} claims {size:,} bytes, "
-                        f"and the most is {LIMIT_BYTES:,}: copy it again"
-                    )
-                yield at, file.read(size)
-            else:
-                file.seek(size, 1)
-            at += 8 + size
-            self.position = at / self._end
 
 
 def _io_header(data: bytes) -> tuple[int, int, str]:
@@ -595,24 +456,69 @@ _AEDAT4_EVENT = np.dtype(
 )
 
 
-class Aedat4Source(Source):
+class Aedat4Source(PacketSource):
     """Source of the events of one stream; times are microseconds since 1970."""
 
     def __init__(self, path: Path, options: ReadOptions) -> None:
-        self._file = Aedat4File(path)
-        self._stream = self._file.choose(options.topic)
-        super().__init__(path, options, self._file.streams[self._stream].sensor)
+        with path.open("rb") as file:
+            if file.read(len(_AEDAT4_MAGIC)) != _AEDAT4_MAGIC:
+                raise RecordingError(f"{path} is not AEDAT 4.0: check what recorded it")
+            size = file.read(4)
+            length = int.from_bytes(size, "little")
+            if length > min(path.stat().st_size, _LONGEST_AEDAT4_HEADER):
+                raise RecordingError(
+                    f"{path} is damaged: its header claims {length:,} bytes: copy it again"
+                )
+            header = size + file.read(length)
+            self._start = file.tell()
+        try:
+            compression, table, info = _io_header(header)
+            streams = _streams(info)
+        except (struct.error, IndexError, ValueError, ElementTree.ParseError) as error:
+            raise RecordingError(
+                f"{path} is damaged or cut off in its header ({error}): copy it again"
+            ) from error
+        file_size = path.stat().st_size
+        # the table of packets follows the packets; it is absent if the recorder was killed
+        self._end = table if self._start <= table <= file_size else file_size
+        self._decompress = _decompressor(compression, path)
+        names = {number: each.name for number, each in streams.items() if each.kind == "EVTS"}
+        wording = Wording("stream of events", "streams of events", "record events")
+        self._stream = choose_stream(path, names, options.topic, wording)
+        super().__init__(path, options, streams[self._stream].sensor)
 
     def chunks(self, log: FaultLog) -> Iterator[Columns]:
         """Yield the events, a packet at a time; see :class:`Source`."""
-        for at, data in self._file.packets(self._stream, log):
+        for at, packet in self._packets(log):
             try:
-                events = _events(data)
-            except (ValueError, struct.error, IndexError) as error:
-                raise self._file.damaged(at, error) from error
+                events = _events(self._decompress(packet))
+            except (RuntimeError, ValueError, struct.error, IndexError) as error:
+                raise self._damaged(at, error) from error
             columns = Columns(events["t"], events["x"], events["y"], events["p"] != 0)
             yield from in_chunks(columns, self.options.chunk_events)
-            self.position = self._file.position
+
+    def _packets(self, log: FaultLog) -> Iterator[tuple[int, bytes]]:
+        """Yield the packets of the stream: the byte at which each begins, and what follows it."""
+        at = self._start
+        with self.path.open("rb") as file:
+            file.seek(at)
+            while at < self._end:
+                header = file.read(8)
+                stream, size = struct.unpack("<ii", header) if len(header) == 8 else (0, 0)
+                if len(header) < 8 or at + 8 + size > self._end or size < 0:
+                    log.truncated(self._end - at, f"byte {at:,}, within a packet")
+                    return
+                if stream == self._stream:
+                    if size > LIMIT_BYTES:
+                        raise RecordingError(
+                            f"{self.path} is damaged: the packet at byte {at:,} claims {size:,} "
+                            f"bytes, and the most is {LIMIT_BYTES:,}: copy it again"
+                        )
+                    yield at, file.read(size)
+                else:
+                    file.seek(size, 1)
+                at += 8 + size
+                self.position = at / self._end
 
 
 def _events(data: bytes) -> npt.NDArray[np.void]:
