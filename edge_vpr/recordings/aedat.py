@@ -69,24 +69,6 @@ def chip_size(name: str) -> Sensor | None:
     return next((size for chip, size in _CHIPS.items() if re.search(chip, name.lower())), None)
 
 
-class Pairs(NamedTuple):
-    """Part of a file: 32-bit addresses as int64, and times continued beyond their wraps."""
-
-    address: npt.NDArray[np.int64]
-    time_us: npt.NDArray[np.int64]
-    position: float
-
-
-def read_pairs(file: RecordFile[str], number: int, log: FaultLog) -> Iterator[Pairs]:
-    """Yield the pairs of a file, up to `number` at a time.
-
-    `position` is the share of the file up to the end of the part.
-    """
-    clock = Unwrapper(32)
-    for pairs, position in file.blocks(_AEDAT2_EVENT, number, log):
-        yield Pairs(pairs["address"].astype(np.int64), clock.unwrap(pairs["t"]), position)
-
-
 class Aedat2Source(Source):
     """Source of an AEDAT 2 file: header lines that begin with ``#``, then pairs.
 
@@ -118,9 +100,10 @@ class Aedat2Source(Source):
         layout = self._layout
         assert self.sensor is not None  # of a chip
         right, top = self.sensor.width - 1, self.sensor.height - 1
-        n = self.options.chunk_events
-        for address, t, position in read_pairs(self._file, n, log):
+        clock, n = Unwrapper(32), self.options.chunk_events
+        for pairs, position in self._file.blocks(_AEDAT2_EVENT, n, log):
             self.position = position
+            address, t = pairs["address"].astype(np.int64), clock.unwrap(pairs["t"])
             change = address & layout.other == 0
             address, t = address[change], t[change]
             yield Columns(

@@ -8,7 +8,7 @@ import struct
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -192,22 +192,14 @@ class Cursor:
         return columns
 
 
-class Preamble(NamedTuple):
-    """Common first fields of all messages of events."""
-
-    stamp_us: int
-    height: int
-    width: int
-
-
-def read_preamble(cursor: Cursor) -> Preamble:
-    """Read header, height and width."""
+def read_preamble(cursor: Cursor) -> tuple[int, int, int]:
+    """Read the first fields of all messages of events: time stamp in us, height and width."""
     if cursor.ros == 1:
         cursor.number("I")  # sequence number
     seconds, nanoseconds = cursor.number("I"), cursor.number("I")
     cursor.text()  # frame
     height, width = cursor.number("I"), cursor.number("I")
-    return Preamble(seconds * 1_000_000 + nanoseconds // 1_000, height, width)
+    return seconds * 1_000_000 + nanoseconds // 1_000, height, width
 
 
 #: Fields of ``dvs_msgs/Event`` and ``prophesee_event_msgs/Event``.
@@ -537,16 +529,12 @@ class BagSource(Source):
             self._topic = connection.topic
             self._packets = connection.msgtype in _PACKETS
             self._total = sum(c.msgcount for c in reader.connections if c.topic == self._topic)
-            cursor = self._first(reader)
+            first = next(self._bag.messages(reader, self._topic), None)
+            cursor = None if first is None else Cursor(first, self._bag.ros)
             size, stamp_us = (None, None) if cursor is None else self._begin(cursor)
         super().__init__(path, options, size)
         if self._packets:
             self.start_us = stamp_us
-
-    def _first(self, reader: Any) -> Cursor | None:
-        for data in self._bag.messages(reader, self._topic):
-            return Cursor(data, self._bag.ros)
-        return None
 
     def _begin(self, cursor: Cursor) -> tuple[Sensor | None, int | None]:
         """Read a message up to its events; return the size of the sensor, and the time stamp."""
