@@ -213,8 +213,8 @@ def a_map(settings, **more):
 
 
 CODED = Settings(
-    pixels=3, tau_us=100_000, matching="filter", remove_bursts=False, counter_code="contrast",
-)  # fmt: skip
+    pixels=3, tau_us=100_000, matching="filter", remove_bursts=False, counter_code="contrast"
+)
 
 
 def test_a_table_travels_with_its_map_and_with_the_state_of_a_localiser(tmp_path):

@@ -134,8 +134,8 @@ def drive(tmp_path_factory):
     rng = np.random.default_rng(3)
     events = random_events(rng, 60_000, SENSOR, 3_000_000)
     settings = Settings(
-        pixels=20, sigma=1.0, tau_us=100_000, matching="filter", counter_code="contrast",
-    )  # fmt: skip
+        pixels=20, sigma=1.0, tau_us=100_000, matching="filter", counter_code="contrast"
+    )
     reference = ReferenceMap.build(Drive(events, SENSOR), settings)
     places = np.arange(len(reference), dtype=np.int64)
     replace(reference, odometer_mm=500 * places).save(folder / "map.npz")

@@ -364,9 +364,7 @@ def test_an_output_that_is_the_input_by_any_name_is_refused(tmp_path, monkeypatc
     os.link(source, tmp_path / "hard.npz")
     (tmp_path / "around").symlink_to(tmp_path)
     monkeypatch.chdir(tmp_path)
-    for output in (
-        source, "drive.npz", "./drive.npz", "soft.npz", "hard.npz", "around/drive.npz",
-    ):  # fmt: skip
+    for output in (source, "drive.npz", "./drive.npz", "soft.npz", "hard.npz", "around/drive.npz"):
         for input_name in (source, "drive.npz", "soft.npz"):
             with pytest.raises(UsageError, match="is the input"):
                 check_output(output, ["none.npz", input_name])

@@ -129,9 +129,9 @@ def test_sentences_of_results_are_those_of_their_files():
     )
     assert f"each kind of drive has {np.floor(100 * least) / 100:.2f} or more" in text
     cut = rows_of("trust.csv", map="a piece cut out", matching="smoothed")
-    (indoors,) = means_by("map", "precision", [
-        row for row in cut if row["drives"] == "Speck indoor, 150 px"
-    ]).values()  # fmt: skip
+    (indoors,) = means_by(
+        "map", "precision", [row for row in cut if row["drives"] == "Speck indoor, 150 px"]
+    ).values()
     assert f"{indoors:.3f} of the accepted smoothed matches are right" in text
     nulls = max(
         float(row["accepted at 0.99"])

@@ -424,14 +424,13 @@ def test_a_node_of_rclpy_has_the_names_and_qualities_of_service(messages, monkey
     doubles = {
         "rclpy": {"ok": lambda: True, "init": lambda args: None},
         "rclpy.qos": {
-            "QoSProfile": SimpleNamespace, "qos_profile_sensor_data": "of a sensor",
+            "QoSProfile": SimpleNamespace,
+            "qos_profile_sensor_data": "of a sensor",
             "DurabilityPolicy": SimpleNamespace(TRANSIENT_LOCAL="latched"),
         },
-        "rosidl_runtime_py": {
-            "set_message_fields": lambda made, fields: vars(made).update(fields)
-        },
+        "rosidl_runtime_py": {"set_message_fields": lambda made, fields: vars(made).update(fields)},
         "rosidl_runtime_py.utilities": {"get_message": lambda kind: SimpleNamespace},
-    }  # fmt: skip
+    }
     install(monkeypatch, doubles)
     sys.modules["rclpy"].qos = sys.modules["rclpy.qos"]
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as odometer:

@@ -217,6 +217,6 @@ def test_a_camera_without_noise_makes_none():
     ],
 )
 def test_an_impossible_camera_is_refused_with_the_value(wrong):
-    (name, value), = wrong.items()  # fmt: skip
+    ((name, value),) = wrong.items()
     with pytest.raises(UsageError, match=f"{name} is {value}"):
         Camera(**wrong)

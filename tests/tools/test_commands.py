@@ -46,9 +46,7 @@ def names_in(folder):
 def test_match_leaves_a_folder_that_explains_itself(drive):
     results = drive / "results"
     files = "map.npz matches.npz matches.csv queries.npz run.json metrics.json report.html"
-    assert names_in(results) == {
-        *files.split(), "matches.svg", "distance_matrix.svg", "pixels.svg"
-    }  # fmt: skip
+    assert names_in(results) == {*files.split(), "matches.svg", "distance_matrix.svg", "pixels.svg"}
     run = json.loads((results / "run.json").read_text())
     assert run["settings"]["pixels"] == 5
     assert [len(file["sha256"]) for file in run["inputs"]] == [64, 64]

@@ -254,9 +254,8 @@ def test_an_interrupt_ends_a_sweep_and_keeps_what_is_finished(plan_file, tmp_pat
     )
     words = [sys.executable, "-c", code, "sweep", plan_file, "-o", out, "--workers", "2"]
     with subprocess.Popen(
-        words, start_new_session=True, text=True,
-        stdout=subprocess.PIPE, stderr=subprocess.PIPE,
-    ) as run:  # fmt: skip
+        words, start_new_session=True, text=True, stdout=subprocess.PIPE, stderr=subprocess.PIPE
+    ) as run:
         wait_until(lambda: out.exists() and out.read_text().count("\n") >= 4, 240)
         (os.killpg if whole_group else os.kill)(run.pid, signal.SIGINT)
         _, said = run.communicate(timeout=60)

@@ -89,9 +89,7 @@ class Panel:
 
 #: Decimals of what is rounded: some 0.1 mm, and 0.1 degrees of a direction.
 _COORDINATES = {"x_m": 3, "y_m": 3, "z_m": 3, "latitude": 9, "longitude": 9}
-_DIGITS = {
-    **_COORDINATES, "heading_deg": 1, **dict.fromkeys((*ALONG, "route_m"), 3)
-}  # fmt: skip
+_DIGITS = {**_COORDINATES, "heading_deg": 1, **dict.fromkeys((*ALONG, "route_m"), 3)}
 #: Fields of a match that no row has, or that of a map with them.
 _UNSHOWN = {"query", "ties", *_COORDINATES}
 

@@ -128,10 +128,7 @@ def downloads(data: Path | None) -> list[Download]:
     for traverses, _ in DATA_SETS.values():
         for traverse in traverses:
             kinds = traverse.downloads
-            there = [
-                one for one in kinds
-                if data is not None and one.files[0].is_in(data)
-            ]  # fmt: skip
+            there = [one for one in kinds if data is not None and one.files[0].is_in(data)]
             chosen.append(there[0] if there else kinds[0])
     return [*chosen, *STAND_INS.values()]
 

@@ -17,9 +17,7 @@ EXAMPLES = """\
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add this command's arguments."""
-    parser.add_argument(
-        "runs", metavar="RUN.csv", nargs="+", help="file that edge-vpr sweep wrote"
-    )  # fmt: skip
+    parser.add_argument("runs", metavar="RUN.csv", nargs="+", help="file that edge-vpr sweep wrote")
     output = add_output_flags(
         parser, help="folder for the table of means over drives, and for the figure", required=False
     )

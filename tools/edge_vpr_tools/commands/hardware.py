@@ -67,10 +67,7 @@ def run(args: argparse.Namespace) -> None:
         design = design_of(reference, args.lanes)
         memories = memories_of(reference, design)
     with replacing_folder(output, overwrite=False) as folder, status("golden vectors") as show_case:
-        write_project(
-            folder, memories, 0,
-            most_bytes=vectors_size(args.vectors), on_case=show_case,
-        )  # fmt: skip
+        write_project(folder, memories, 0, most_bytes=vectors_size(args.vectors), on_case=show_case)
     summary(
         f"{args.output}: core of {design.pixels} pixels and {design.places} places; make builds it "
         "for an iCEBreaker or a ULX3S, make test holds it to its vectors"

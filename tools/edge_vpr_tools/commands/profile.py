@@ -109,7 +109,7 @@ def run(args: argparse.Namespace) -> None:
         try:
             measured = profile(
                 _workload_of(args), plan, sensor, missing, meter=args.meter, root=ROOT
-            )  # fmt: skip
+            )
         finally:
             if sensor is not None:
                 sensor.close()

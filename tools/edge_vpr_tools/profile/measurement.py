@@ -224,11 +224,7 @@ def _small_sample(n: int) -> float:
     26.7.5).
     """
     z, degrees = 1.959964, n - 1
-    student = (
-        z
-        + (z**3 + z) / (4 * degrees)
-        + (5 * z**5 + 16 * z**3 + 3 * z) / (96 * degrees**2)
-    )  # fmt: skip
+    student = z + (z**3 + z) / (4 * degrees) + (5 * z**5 + 16 * z**3 + 3 * z) / (96 * degrees**2)
     return float(student / z * np.sqrt(n / degrees))
 
 

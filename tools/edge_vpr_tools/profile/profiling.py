@@ -153,7 +153,7 @@ def profile(
         board=_board(root),
         kernel=platform.release(),
         run=run,
-    )  # fmt: skip
+    )
 
 
 def with_meter(path: Path, meter: Path, stated: Stated) -> Profile:

@@ -161,9 +161,7 @@ def figure(rows: Rows) -> Figure:
     last = {row[DRIVES].rpartition(",")[0]: row[DRIVES] for row in rows}
     shown = set(last.values())
     varied = [row for row in rows if row[DRIVES] in shown and row[CHOSEN_ON] != BY_OTHERS]
-    return lines(
-        varied, x=TIMES, y="P@100R", line=CONSTANT, mark=1.0,
-    )  # fmt: skip
+    return lines(varied, x=TIMES, y="P@100R", line=CONSTANT, mark=1.0)
 
 
 EXPERIMENT = Experiment(
