@@ -349,10 +349,6 @@ def microseconds(seconds, x, y, z):
     return f"{round((UNIX_S + seconds) * 10**6)} {x} {y} {z} 0 0 0 1"
 
 
-def named_frame(*pose):
-    return "map," + ",".join(tum(*pose).split()[:4])
-
-
 @pytest.mark.parametrize(
     ("name", "head", "line"),
     [
@@ -363,7 +359,8 @@ def named_frame(*pose):
          lambda *pose: microseconds(*pose).replace(" ", ",")),
         ("data.csv", f"#timestamp [ns], {EUROC}, q_RS_w [], a, b, c\n", euroc),
         ("odom.csv", "timestamp_ns,x,y,z,qw,qx,qy,qz\n", euroc),
-        ("odom.csv", "frame,timestamp,tx,ty,tz\n", named_frame),
+        ("odom.csv", "frame,timestamp,tx,ty,tz\n",
+         lambda *pose: "map," + ",".join(tum(*pose).split()[:4])),
     ],
 )  # fmt: skip
 def test_poses_of_tum_and_euroc_and_tables_with_timestamps_are_read(name, head, line, tmp_path):

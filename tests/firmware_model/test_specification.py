@@ -118,16 +118,11 @@ def test_the_filter_that_draws_cases_advances_as_the_specification(seed, gains):
 
 def test_only_differences_of_biases_matter():
     memories, events = drawn(1, 7)
-    higher = replace_bias(memories, 200)
+    higher = replace(memories, place_bias=[one + 200 for one in memories.place_bias])
     assert max(memories.place_bias) < 50
     before, after = spec.trace(memories, events), spec.trace(higher, events)
     assert before.matches == after.matches
     assert [one.spread for one in before.states] == [one.spread for one in after.states]
-
-
-def replace_bias(memories: Memories, more: int) -> Memories:
-    """Add to the bias of every place."""
-    return replace(memories, place_bias=[one + more for one in memories.place_bias])
 
 
 def test_the_bias_is_half_of_how_typical_a_place_is():

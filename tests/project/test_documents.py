@@ -53,10 +53,6 @@ def blocks(page: str, language: str) -> list[str]:
     ]
 
 
-def with_python() -> list[str]:
-    return [page for page in PAGES if blocks(page, "python")]
-
-
 #: pages whose Python simulates whole drives
 SIMULATING = ("README.md", "docs/laboratory.md")
 
@@ -65,7 +61,8 @@ SIMULATING = ("README.md", "docs/laboratory.md")
     "page",
     [
         pytest.param(page, marks=pytest.mark.slow if page in SIMULATING else ())
-        for page in with_python()
+        for page in PAGES
+        if blocks(page, "python")
     ],
 )
 def test_the_python_of_a_page_runs_block_after_block(page, tmp_path, monkeypatch):

@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from edge_vpr.descriptors.counting import check_sensor, cleaned
+from edge_vpr.descriptors.windows import window_of
 from edge_vpr.errors import UsageError
 from edge_vpr.events import Events, join_events
 from edge_vpr.files import check_parent
@@ -65,16 +66,10 @@ def recorded_case(
     if not matches:
         raise UsageError(
             f"the recording has no match in its first {most_windows} windows, of "
-            f"{_window_text(design)}: a match takes {design.length} whole "
+            f"{window_of(reference.settings)}: a match takes {design.length} whole "
             f"window{'s' * (design.length > 1)}; take a longer part of the drive"
         )
     return case
-
-
-def _window_text(design: Design) -> str:
-    if design.window == "count":
-        return f"{design.window_events} events at the selected pixels"
-    return f"{design.tau_us / 1e6:g} s"
 
 
 def _first_windows(
