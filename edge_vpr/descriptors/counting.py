@@ -169,7 +169,7 @@ def count_until(
     table, x, y, counts
         As for :func:`count_events`.
     budget : int
-        Number of events at selected pixels after which to stop, 0 or more.
+        Number of events at selected pixels after which to stop, 1 or more.
 
     Returns
     -------
@@ -185,12 +185,8 @@ def count_until(
             f"counters are {counts.dtype} of shape {counts.shape}: give int32 or int64, 1-D"
         )
     _check_writeable(counts, "counters")
-    if budget < 0:
-        raise UsageError(f"budget of {budget} events is negative: give 0 or more")
-    if budget == 0:
-        return 0, 0
     height, width = table.shape
-    consumed, counted = count_slots(table.reshape(-1), width, x, y, counts, min(budget, _NO_LIMIT))
+    consumed, counted = count_slots(table.reshape(-1), width, x, y, counts, budget)
     if consumed == OFF_SENSOR:
         raise _off_sensor(x, y, width, height)
     if consumed == OFF_COUNTS:
