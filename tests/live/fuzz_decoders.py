@@ -29,6 +29,7 @@ PAIRS = (
     ("evpr", "evpr:width=3,frame=100"),
 )
 SENSOR = Sensor(128, 128)
+#: bytes that no decoder keeps
 MOST_PENDING = 36_000
 #: one input takes a millisecond or so; an endless loop, or one that grows, takes longer
 MOST_SECONDS = 10.0

@@ -22,13 +22,12 @@ from edge_vpr.live.protocols.timestamps import UNKNOWN_US
 from edge_vpr.recordings import open_recording
 from edge_vpr.recordings.prophesee import read_header
 from tests.live.devices import DEVICES
+from tests.live.fuzz_decoders import MOST_PENDING
 from tests.live.line_faults import KINDS, corrupt, decode, make_line
 from tests.recordings.recording_files import payloads
 from tests.streams import balanced, from_first, random_events, read_events, split_events
 
 SENSOR = Sensor(128, 128)
-#: more than any decoder may keep
-MAX_PENDING = 36_000
 #: with time stamps, so that all events come back
 TIMED = [each[:3] for each in DEVICES if "E0" not in each.sends]
 #: clocks that wrap, and their bits
@@ -225,7 +224,7 @@ def test_hostile_bytes_take_bounded_memory_and_time_in_proportion(host, hostile)
     _, peak = tracemalloc.get_traced_memory()
     tracemalloc.stop()
     assert peak < 4_000_000
-    assert decoder.health.pending_bytes < MAX_PENDING
+    assert decoder.health.pending_bytes < MOST_PENDING
     # the last quarter takes no longer than the first, but for noise and a fixed cost; a test of
     # compiled code
     quarter = max(1, len(took) // 4)

@@ -217,13 +217,9 @@ def test_a_map_without_distances_refuses_odometry():
         Transitions(3, TransitionCosts(), along_mm=np.arange(2))
 
 
-#: codes of the robot's profile
-CONTRAST = {"counter_code": "contrast"}
-
-
 def test_a_device_has_places_at_half_windows(tmp_path, run):
     counts = np.ones((8, len(PIXELS)), dtype=np.int64)
-    half = map_of_places(counts, places_per_window=2, **CONTRAST)
+    half = map_of_places(counts, places_per_window=2, counter_code="contrast")
     design = design_of(half)
     assert (design.places, design.exclusion, design.places_per_window) == (8, 6, 2)
     half.save(tmp_path / "half.npz")

@@ -182,23 +182,14 @@ def test_at_the_ends_of_windows_the_matches_are_those_of_the_main_job(
     assert matches["time_us"].tolist() == queries.end_us[batch.query + shift].tolist()
 
 
-EVERYWHERE = make_events(
-    t=np.arange(60),
-    x=[PIXELS[i % 5][0] for i in range(60)],
-    y=[PIXELS[i % 5][1] for i in range(60)],
-)
-ONE_PIXEL = make_events(t=np.arange(60), x=[5] * 60, y=[4] * 60)
-AT_ONCE = make_events(t=[7] * 60, x=EVERYWHERE["x"], y=EVERYWHERE["y"])
-HOURS_APART = make_events(
-    t=np.cumsum([0, 1, 1, 3_600_000_000, 1, 36_000_000_000, 1, 1]),
-    x=EVERYWHERE["x"][:8],
-    y=EVERYWHERE["y"][:8],
-)
+#: events at each pixel of the map in turn
+EVERYWHERE = np.array(PIXELS * 12).T
+HOURS_APART = np.cumsum([0, 1, 1, 3_600_000_000, 1, 36_000_000_000, 1, 1])
 ODDITIES = {
-    "one pixel": ONE_PIXEL,
-    "equal times": AT_ONCE,
-    "hours apart": HOURS_APART,
-    "everywhere": EVERYWHERE,
+    "one pixel": make_events(np.arange(60), [5] * 60, [4] * 60),
+    "equal times": make_events([7] * 60, *EVERYWHERE),
+    "hours apart": make_events(HOURS_APART, *EVERYWHERE[:, :8]),
+    "everywhere": make_events(np.arange(60), *EVERYWHERE),
 }
 
 
