@@ -35,6 +35,7 @@ from edge_vpr.matching.distances import typical_distances
 from edge_vpr.matching.evidence import (
     FEW,
     SPEED_SHIFT,
+    add,
     evidence_of_sum,
     speed_after,
     sum_by_distance,
@@ -52,7 +53,6 @@ from edge_vpr.matching.prediction import (
     Narrow,
     TransitionCosts,
     Transitions,
-    add_evidence,
     least_of_places,
     predict,
 )
@@ -211,7 +211,7 @@ def match_window(
     evidence(state, table, distances, seen, rows, i)
     # not a constant, for which Numba would compile another version
     most, metrics = np.int64(METRIC_TOP), rows.metrics[i]
-    add_evidence(state.prediction, rows.evidence[i], rows.sums[i], hypotheses, most, metrics)
+    add(state.prediction, rows.evidence[i], rows.sums[i], hypotheses, most, metrics)
     nearest = best(metrics, table, rows.least[i], rows.matches[i])
     rows.best[i, 0], rows.best[i, 1] = nearest.place, nearest.gain
     trust(state, table, nearest, rows, i)

@@ -267,51 +267,6 @@ def move_on(metric: Narrow, table: FilterTable, activity: int, back: bool, out: 
 
 
 @kernel(inner=True)
-def add_evidence(
-    metric: Narrow,
-    of_sums: npt.NDArray[np.uint8],
-    sums: npt.NDArray[np.int64],
-    hypotheses: int,
-    most: int,
-    out: Narrow,
-) -> None:
-    """Write the metrics with the evidence of the sum of each hypothesis, at most `most`.
-
-    Parameters
-    ----------
-    metric : ndarray of int16, shape (K, LANES)
-        Without the evidence.
-    of_sums : ndarray of uint8, shape (sums, K)
-        Evidence against each place of each sum of windows.
-    sums : ndarray of int64, shape (LANES,)
-        Sum that each hypothesis looks at.
-    out : ndarray of int16, shape (K, LANES)
-        Hypotheses that are not in use become `most`, of at most `UNUSED`.
-    """
-    size, n_sums = metric.size, len(of_sums)
-    lanes = np.empty((n_sums + 1, LANES), dtype=np.int16)
-    for h in range(LANES):
-        for s in range(n_sums):
-            lanes[s, h] = sums[h] == s if h < hypotheses else 0
-        lanes[n_sums, h] = 0 if h < hypotheses else UNUSED
-    # a word of four lanes, multiplied by the evidence, has it in those of its sum
-    against = np.empty(metric.shape, dtype=np.int16)
-    of_lanes, words = lanes.view(np.int64), against.view(np.int64)
-    for k in range(len(metric)):
-        words[k, 0], words[k, 1] = of_lanes[n_sums, 0], of_lanes[n_sums, 1]
-    for s in range(n_sums):
-        low, high = of_lanes[s, 0], of_lanes[s, 1]
-        if low == high == 0:  # no hypothesis looks at this sum
-            continue
-        for k in range(len(metric)):
-            words[k, 0] += of_sums[s, k] * low
-            words[k, 1] += of_sums[s, k] * high
-    before, after, added = metric.reshape(size), out.reshape(size), against.reshape(size)
-    for j in range(size):
-        after[j] = min(np.int16(before[j] + added[j]), np.int16(most))
-
-
-@kernel(inner=True)
 def lower(metric: Narrow, other: Narrow, cost: npt.NDArray[np.uint8]) -> None:
     """Lower each metric to another one plus its cost."""
     for j in range(metric.size):

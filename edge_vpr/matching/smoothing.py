@@ -13,6 +13,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from edge_vpr.compiling import kernel
+from edge_vpr.matching.evidence import add
 from edge_vpr.matching.place_filter import WindowRows, best
 from edge_vpr.matching.prediction import (
     UNUSED,
@@ -20,7 +21,6 @@ from edge_vpr.matching.prediction import (
     Narrow,
     Transitions,
     Travelled,
-    add_evidence,
     change_gains,
     move_on,
     subtract_least,
@@ -91,7 +91,7 @@ def smooth_windows(
         row["trust"] = margin << TRUST_FRACTION_BITS
         row["misfit"] = window_misfit(against, place, table.typical, factor, rows.share[i])
         most = np.int64(UNUSED)
-        add_evidence(cost_to_go, rows.evidence[i], sums, hypotheses, most, next_cost_to_go)
+        add(cost_to_go, rows.evidence[i], sums, hypotheses, most, next_cost_to_go)
         move_on(next_cost_to_go, table, rows.activity[i], np.bool_(True), cost_to_go)
         subtract_least(cost_to_go)
         change_gains(cost_to_go, hypotheses)
