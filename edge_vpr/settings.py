@@ -423,12 +423,12 @@ class Settings:
     gains: int = _setting(
         7,
         "matching",
-        "place filter: hypotheses of the camera's gain that are followed side by side, 1 or 7",
+        "place filter: number of gains of the camera that it follows side by side, 1 or 7",
         metavar="N",
         valid=lambda number: number in (1, 7),
         expected="1 or 7",
-        more="With 7, another speed is told from another light or camera. Codes other than "
-        "contrast, and windows by count, have 1.",
+        more="With 7, the filter can tell another speed from another light or camera. Codes other "
+        "than contrast, and windows by count, have 1.",
         needs=_FILTER,
     )
     smooth: bool = _setting(
@@ -457,13 +457,13 @@ class Settings:
     precision: float | None = _setting(
         None,
         "matching",
-        "mark matches as lost so that a share P of the others, such as 0.99, is expected to "
-        "be right, within the exclusion zone; none: mark none",
+        "mark the less certain matches as lost, so that a share P of the others, such as 0.99, "
+        "is expected to be right, within the exclusion zone; none: mark none",
         metavar="P",
         words={"none": None},
         above=0,
         below=1,
-        more="How well this holds: docs/method.md.",
+        more="Where this holds: docs/method.md.",
     )
     stays_on_map: bool = _setting(
         False,

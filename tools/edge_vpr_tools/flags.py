@@ -60,7 +60,7 @@ def add_reading_arguments(
     )  # fmt: skip
     group.add_argument(
         "--format", metavar="NAME",
-        help="format of the file (default: recognised by its name and content)",
+        help="format of the file (default: by its first bytes, else by its suffix)",
     )  # fmt: skip
     group.add_argument(
         "--topic", metavar="NAME",
@@ -68,14 +68,14 @@ def add_reading_arguments(
     )  # fmt: skip
     group.add_argument(
         "--time-unit", choices=("s", "ms", "us", "ns"),
-        help="unit of the times in a table (default: of its header, else s if they have decimals, "
-        "else us)",
+        help="unit of the times in a table (default: that of its header, else us for whole "
+        "numbers; times with decimals need a unit)",
     )  # fmt: skip
     group.add_argument(
         "--columns",
         metavar="ORDER",
-        help="order of the columns in a table without names, or with foreign ones, for example "
-        "xytp, or -txyp to leave out the first (default: the usual one of the format)",
+        help="order of the columns in a table without names, or with unknown ones, for example "
+        "xytp, or -txyp to leave out the first (default: txyp)",
     )
     crop = parser.add_argument_group("part of the recording")
     crop.add_argument(
@@ -265,8 +265,8 @@ def add_setting_flags(
         form = _form(field)
         if field.key == auto:
             text = (
-                f"{text}; auto: as long as that, or longer for a slow robot: 2.5 m of travel by "
-                "--track or --odometry, without them 3 events at each selected pixel"
+                f"{text}; auto: that length, or for a slow robot a longer one, of 2.5 m of travel "
+                "by --track or --odometry, or without them of 3 events per selected pixel"
             )
             form["type"] = partial(_auto_or, form["type"])
         parser.add_argument(*names, dest=field.key, help=text, **form)

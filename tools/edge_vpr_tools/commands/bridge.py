@@ -25,7 +25,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     line = parser.add_argument_group("line")
     line.add_argument(
         "--port", default="virtual",
-        help="where to send: virtual (a new pseudo-terminal, whose name is printed), "
+        help="where to send: virtual (a new pseudo-terminal, whose name bridge prints), "
         "tcp://[HOST]:PORT (waits for a client; without HOST, for one on this machine), "
         "udp://HOST:PORT, or the name of a serial port",
     )  # fmt: skip
@@ -38,14 +38,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     line.add_argument(
         "--speed", type=float, default=1.0, metavar="F",
-        help="speed as a multiple of real time; 0: as fast as possible. At another speed than 1, "
-        "a reader of a protocol without a checksum takes the clock for damaged",
+        help="speed as a multiple of real time; 0: as fast as possible. Protocols without a "
+        "checksum need 1: at other speeds, their clock looks damaged to the reader",
     )  # fmt: skip
     faults = parser.add_argument_group("faults")
     faults.add_argument(
         "--faults", default="", metavar="LIST",
         help="faults of the line to imitate: drop=P, flip=P, insert=P (probability per byte), "
-        "garbage=BYTES, stall=SECONDS[@TIME], which is silent from TIME on, or from 1 s "
+        "garbage=BYTES, stall=SECONDS[@TIME] (a silence that begins at TIME, else at 1 s) "
         "(default: none)",
     )  # fmt: skip
     faults.add_argument("--seed", type=int, default=0, help="seed of random faults")

@@ -31,7 +31,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_output_flags(
         parser,
         "MAP.npz",
-        "map to write, which holds the learnt table of probabilities (default: the map in RESULTS)",
+        "map to write, with the learnt table of probabilities (default: the map in RESULTS)",
         required=False,
     )
 

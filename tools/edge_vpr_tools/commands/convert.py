@@ -25,12 +25,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "output",
         metavar="OUT",
         help="file to write; its suffix names the format: .npz, .csv, .txt or .raw "
-        "(EVT 2.0); for a map as the firmware reads it from flash, .h (for C), .bin or .hex",
+        "(EVT 2.0); a map becomes the image that the firmware reads from flash: .h (for C), .bin "
+        "or .hex",
     )
     output = parser.add_argument_group("output")
     output.add_argument("--overwrite", action="store_true", help="replace the output if it exists")
     output.add_argument(
-        "--address", metavar="A", help="of a map as .hex, where it lies in the device, such as "
+        "--address", metavar="A", help="with .hex, the address of the map in the device, such as "
         "0x08040000: a multiple of 16 (default: 0)",
     )  # fmt: skip
     add_reading_arguments(parser)

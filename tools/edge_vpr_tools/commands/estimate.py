@@ -66,7 +66,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--sources", action="store_true",
         help="print all assumptions, and the source of each constant",
     )  # fmt: skip
-    add_json_flag(answers, "all results, with low and high")
+    add_json_flag(answers, "all results, with low and high values")
 
 
 class Workload(NamedTuple):

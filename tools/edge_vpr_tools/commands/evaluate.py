@@ -37,8 +37,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     metrics.add_argument(
         "--score", choices=("distance", "ratio", "margin", "trust"),
         help="score of a match to which the thresholds of the precision-recall curve apply "
-        "(default: that of the map's settings; if they leave it to auto, trust with the place "
-        "filter and ratio with sequences)",
+        "(default: trust with the place filter; with sequences, ratio for contrast codes and "
+        "distance for others)",
     )  # fmt: skip
     metrics.add_argument(
         "--recall-denominator",

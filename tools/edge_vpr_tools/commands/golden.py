@@ -42,8 +42,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )  # fmt: skip
     vectors.add_argument(
         "--vectors", metavar="SIZE", default="all",
-        help="leave cases out, so that the folder has about this size, such as 20MB; the others "
-        "reach as many corners as possible",
+        help="size of the folder, about, such as 20MB: golden leaves out cases, but reaches as "
+        "many corners as possible",
     )  # fmt: skip
     vectors.add_argument(
         "--suite",

@@ -36,7 +36,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     one.add_argument(
         "--port", metavar="PORT",
         help="serial port of a board that runs the reference firmware's vpr_replay_line: send it "
-        "the cases that fit its memory, and compare its results; the others are counted",
+        "the cases that fit its memory, compare its results, and count the other cases",
     )  # fmt: skip
     group.add_argument(
         "--baud", type=int, default=115_200, metavar="N", help="bits per second of the port"

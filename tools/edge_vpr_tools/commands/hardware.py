@@ -34,8 +34,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         "--vectors", metavar="SIZE", default="20MB",
-        help="golden vectors of about this size, without the cases with most events; all writes "
-        "every case, and 0 none",
+        help="size of the golden vectors, about: hardware leaves out the cases with most events; "
+        "all writes every case, 0 none",
     )  # fmt: skip
     parser.add_argument(
         "-o", "--output", metavar="DIR", required=True, help="folder to write: new, or empty"

@@ -30,8 +30,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     track.add_argument(
         "--track",
         metavar="FILE",
-        help="track of the drive, as of map: its length, speeds and gaps, and how much of the "
-        "recording it covers",
+        help="track of the drive, as for map: show its length, speeds and gaps, and how much of "
+        "the recording it covers",
     )
     add_track_offset_flag(track)
     # faults are what this command is asked for: it counts them and goes on

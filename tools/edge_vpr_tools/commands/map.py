@@ -65,14 +65,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="DRIVE",
         nargs="*",
         default=[],  # without it, an error calls them required
-        help="recordings of further drives of the route, averaged into the map, which stays as "
-        "large",
+        help="recordings of further drives of the route, which map averages into the places of "
+        "the reference",
     )
     parser.add_argument(
         "--same-route",
         action="store_true",
-        help="you know that the further drives are of this route: learn all windows that align, "
-        "even if most of a drive's do not",
+        help="state that the further drives follow this route: map then learns all windows that "
+        "align, even if most windows of a drive do not",
     )
     add_json_flag(
         add_output_flags(parser, "MAP.npz", "file to write"), "info --json and NAME.run.json"
@@ -84,8 +84,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         action="append",
         help="track of the reference drive (NMEA, GPX, poses of TUM, KITTI or EuRoC, or CSV with "
         "time_s or timestamp and metres or degrees), "
-        "which gives each match a position and an interval along the route; if given once per "
-        "drive, further drives are aligned by their tracks instead of by matching",
+        "which gives each match a position and an interval along the route; given once per drive, "
+        "the tracks align the further drives, which otherwise matching aligns",
     )
     add_track_offset_flag(track)
     add_gap_flag(track)

@@ -61,8 +61,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--export",
         metavar="FILE",
         action="append",
-        help="also write the matched positions as a track: .gpx or .geojson for maps, of a map "
-        "with a GPS log, or .tum for evo, of any map with positions; may be repeated",
+        help="also write the matched positions as a track: .gpx or .geojson if the map has a GPS "
+        "log, .tum (as evo reads) if it has positions; may be repeated",
     )
     online = parser.add_argument_group("online matching")
     online.add_argument(
@@ -72,10 +72,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     online.add_argument(
         "--every",
         metavar="WHEN",
-        help="with --online, when to give a match: event (after each one at a selected pixel), "
-        "after N events, after a time such as 10ms, window (after each one), or change (when the "
-        "place changes) (default: event); after events, more matches come where the camera sees "
-        "more",
+        help="when --online gives a match: event (after each event at a selected pixel), N (after "
+        "N of them), a time such as 10ms, window (at the end of each window), or change (when the "
+        "place changes) (default: event); by events, matches come more often where the camera "
+        "sees more",
     )
     parser.add_argument_group("odometry").add_argument(
         "--odometry",

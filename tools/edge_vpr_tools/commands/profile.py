@@ -40,7 +40,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )  # fmt: skip
     how.add_argument(
         "--quick", action="store_true",
-        help="use periods shorter than 10 s; the result is marked as quick",
+        help="allow periods shorter than 10 s, and mark the result as quick",
     )  # fmt: skip
     sensor = parser.add_argument_group("power sensor")
     sensor.add_argument(

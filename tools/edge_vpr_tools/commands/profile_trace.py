@@ -41,8 +41,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )  # fmt: skip
     group.add_argument(
         "--first-load", metavar="TIME",
-        help="time at which the first loaded period begins, as the file writes its times: where "
-        "its power first rises (default: by the time zone of the file and the machine's clock)",
+        help="time, as the file writes it, at which the power first rises to that of the load "
+        "(default: by the machine's clock, if the file's times have a zone)",
     )  # fmt: skip
 
 

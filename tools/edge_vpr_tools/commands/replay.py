@@ -32,10 +32,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "results", metavar="RESULTS", help="folder that edge-vpr match or demo wrote"
     )
-    output = add_output_flags(parser, "FILE.gif", "film to write, an animated picture")
+    output = add_output_flags(parser, "FILE.gif", "film to write, an animated GIF")
     output.add_argument(
         "--frames", type=int, default=150, metavar="N",
-        help="largest number of frames; with more windows, some are left out, evenly",
+        help="largest number of frames; of more windows, replay leaves some out, evenly",
     )  # fmt: skip
     shown = parser.add_argument_group("what is shown")
     shown.add_argument(
@@ -49,8 +49,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     shown.add_argument(
         "--all-events", action="store_true",
-        help="show the events of all pixels behind the selected ones; needs the recording of the "
-        "query, where run.json says it is (the demo's is simulated again)",
+        help="show the events of all pixels behind the selected ones; needs the query's recording "
+        "at the path in run.json (replay simulates the demo's again)",
     )  # fmt: skip
 
 

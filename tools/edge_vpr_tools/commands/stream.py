@@ -80,18 +80,19 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     places.add_argument("--map", metavar="MAP.npz", help="map to localise on")
     places.add_argument(
         "--every", metavar="WHEN",
-        help="when to give a match: after a time such as 50ms, after N events, after each event or "
-        "window, or after each change of the place (default: 50ms); after events, more matches "
-        "come where the camera sees more",
+        help="when stream gives a match: a time such as 50ms, event (after each event at a "
+        "selected pixel), N (after N of them), window (at the end of each window), or change (when "
+        "the place changes) (default: 50ms); by events, matches come more often where the camera "
+        "sees more",
     )  # fmt: skip
     places.add_argument(
         "--state", metavar="RUN.state",
-        help="keep the state of the drive in this file, and resume from it when stream starts "
-        "again within a minute (ten, where times have a checksum)",
+        help="keep the state of the drive in this file, and resume from it if stream starts again "
+        "within a minute (with evpr, within ten)",
     )  # fmt: skip
     line.add_argument(
         "--odometry", metavar="PORT",
-        help="where the robot sends its odometer: a serial port of 115,200 baud, tcp://HOST:PORT, "
+        help="where the robot sends its odometry: a serial port of 115,200 baud, tcp://HOST:PORT, "
         "udp://:PORT, or - for standard input; each reading is a line of text with the metres "
         "driven from any zero",
     )  # fmt: skip
@@ -106,8 +107,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     output.add_argument(
         "--status-every", metavar="TIME",
-        help="without --json and without a terminal, print a line of status this often, "
-        "and when the link is lost or found again, or matches are rejected or accepted again "
+        help="without --json and without a terminal, print a line of status this often, and "
+        "whenever the link goes or returns, or matches begin to be rejected or accepted "
         "(default: 1s)",
     )  # fmt: skip
     output.add_argument(
@@ -119,12 +120,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     learning = parser.add_argument_group("learning")
     learning.add_argument(
         "--learn", action="store_true",
-        help="make a map of this drive; with --map, and without a preset or settings for a new "
-        "map, add this drive to that map",
+        help="make a map of this drive; with --map, and without a preset or settings of a new map, "
+        "add this drive to the map of --map",
     )  # fmt: skip
     learning.add_argument(
         "-o", "--output", metavar="MAP.npz",
-        help="with --learn, the map to write; meanwhile the drive is matched with the map of --map",
+        help="with --learn, the map to write; stream meanwhile matches with that of --map",
     )  # fmt: skip
     add_map_flags(parser, of_map=True)
 

@@ -21,11 +21,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add this command's arguments."""
     parser.add_argument("plan", metavar="SWEEP.toml", help="plan with variants, drives and seeds")
     output = add_output_flags(
-        parser, "FILE.csv", "file of the results, a row for each, written as they come"
+        parser, "FILE.csv", "table of results, to which each trial adds its rows when it ends"
     )
     output.add_argument(
         "--resume", action="store_true",
-        help="go on with the file: leave out trials that it has, by variant, drives and seed",
+        help="continue FILE.csv: run only the trials (variant, drives, seed) that it lacks",
     )  # fmt: skip
     group = parser.add_argument_group("workers").add_mutually_exclusive_group()
     group.add_argument(
