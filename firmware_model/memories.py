@@ -88,19 +88,9 @@ class Memories:
         limits: Sequence[int] | None = None,
     ) -> None:
         object.__setattr__(self, "design", design)
-        slots = design.slots if design.contrast else 0
-        places_of_filter = design.places if design.filters else 0
-        object.__setattr__(self, "activity", int(activity))
-        for name, contents, length, usual in (
-            ("mean", mean, slots, 0),
-            ("limits", limits, slots, design.count_max),
-            ("place_activity", place_activity, places_of_filter, 0),
-            ("place_bias", place_bias, places_of_filter, 0),
-        ):
-            values = (usual,) * length if contents is None else tuple(map(int, contents))
-            object.__setattr__(self, name, values)
         object.__setattr__(self, "pixels", tuple((int(x), int(y)) for x, y in pixels))
         object.__setattr__(self, "places", tuple(tuple(map(int, place)) for place in places))
+        object.__setattr__(self, "activity", int(activity))
         if len(self.pixels) != design.pixels or len(set(self.pixels)) != design.pixels:
             raise DesignError(
                 f"{len(set(self.pixels))} different pixels: the design counts {design.pixels}"
@@ -110,7 +100,24 @@ class Memories:
                 raise DesignError(
                     f"pixel ({x}, {y}) lies off the {design.width} x {design.height} sensor"
                 )
-        self._check_adaptive()
+        half, full = 1 << (PLACE_ACTIVITY_BITS - 1), design.count_max
+        slots = design.slots if design.contrast else 0, "counters of contrast codes"
+        of_filter = design.places if design.filters else 0, "places of the filter"
+        for name, contents, usual, (length, of), what, least, most in (
+            ("mean", mean, 0, slots, "means", 0, LEVEL_TOP),
+            ("limits", limits, full, slots, "limits", 0, full),
+            ("place_activity", place_activity, 0, of_filter, "activities", -half, half - 1),
+            ("place_bias", place_bias, 0, of_filter, "biases", 0, BIAS_TOP),
+        ):
+            values = (usual,) * length if contents is None else tuple(map(int, contents))
+            if len(values) != length or not all(least <= value <= most for value in values):
+                raise DesignError(
+                    f"{what} of {len(values)} {of}: expected {length} from {least} to {most}"
+                )
+            object.__setattr__(self, name, values)
+        most = EVENTS_TOP << ACTIVITY_FRACTION_BITS if design.pauses else 0
+        if not 0 <= self.activity <= most:
+            raise DesignError(f"activity = {self.activity}: expected 0 to {most}")
         if len(self.places) != design.places:
             raise DesignError(f"{len(self.places)} places: the design has {design.places}")
         for k, place in enumerate(self.places):
@@ -119,25 +126,6 @@ class Memories:
                     f"place {k} is not {design.slots} codes from 0 to {design.code_max}: encode "
                     "the counts with the design's code first"
                 )
-
-    def _check_adaptive(self) -> None:
-        design = self.design
-        slots = design.slots if design.contrast else 0
-        places = design.places if design.filters else 0
-        half = 1 << (PLACE_ACTIVITY_BITS - 1)
-        for what, values, of, length, least, most in (
-            ("means", self.mean, "counters of contrast codes", slots, 0, LEVEL_TOP),
-            ("limits", self.limits, "counters of contrast codes", slots, 0, design.count_max),
-            ("activities", self.place_activity, "places of the filter", places, -half, half - 1),
-            ("biases", self.place_bias, "places of the filter", places, 0, BIAS_TOP),
-        ):
-            if len(values) != length or not all(least <= value <= most for value in values):
-                raise DesignError(
-                    f"{what} of {len(values)} {of}: expected {length} from {least} to {most}"
-                )
-        most = EVENTS_TOP << ACTIVITY_FRACTION_BITS if design.pauses else 0
-        if not 0 <= self.activity <= most:
-            raise DesignError(f"activity = {self.activity}: expected 0 to {most}")
 
     def lookup(self) -> Lookup:
         """Build the look-up: the fullest row first, each at the last position that fits.
