@@ -9,7 +9,7 @@ import types
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import MISSING, fields, is_dataclass
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 from typing import Any, Literal, TypeVar, Union, get_args, get_origin, get_type_hints
 
@@ -48,12 +48,9 @@ def read_json(path: str | Path, what: str, remedy: str) -> dict[str, Any]:
         If it cannot be read, is longer than 64 MiB, or holds something else, or a number in
         it is not finite.
     """
-    return _read(path, what, remedy, _MOST_BYTES, _parse_json)
-
-
-def _parse_json(text: str) -> Any:
-    """Parse JSON; refuse what Python reads and JSON does not have: NaN and infinity."""
-    return json.loads(text, parse_constant=_finite, parse_float=_finite)
+    # Python also reads what JSON does not have: NaN and infinity
+    parse = partial(json.loads, parse_constant=_finite, parse_float=_finite)
+    return _read(path, what, remedy, _MOST_BYTES, parse)
 
 
 def _finite(text: str) -> float:

@@ -364,8 +364,9 @@ def evaluate(
         raise UsageError(f"score {score!r} is unknown: choose from {', '.join(get_args(Score))}")
     correct = truth.correct[matches.place, matches.query] & evaluated
     has_place = truth.has_place[matches.query]
+    values = np.asarray(getattr(matches, score), dtype=np.float64)
     curve = precision_recall(
-        _falling(matches, score)[evaluated],
+        (-values if score in _RISING else values)[evaluated],
         correct[evaluated],
         has_place[evaluated],
         recall_denominator=recall_denominator,
@@ -403,9 +404,3 @@ def evaluate(
         if rated.any()
         else None,
     )
-
-
-def _falling(matches: Matches, score: Score) -> npt.NDArray[np.float64]:
-    """Return the score of each match, with the sign changed if it rises with the confidence."""
-    values = np.asarray(getattr(matches, score), dtype=np.float64)
-    return -values if score in _RISING else values

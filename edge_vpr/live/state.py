@@ -83,11 +83,6 @@ def boot() -> str:
         return ""
 
 
-def since_boot_us() -> int:
-    """Return the time since the machine was started, its sleep included, which nobody sets."""
-    return time.clock_gettime_ns(time.CLOCK_BOOTTIME) // 1_000
-
-
 def read_state(path: Path, localiser: Localiser) -> Resumable | str | None:
     """Read the state of a file.
 
@@ -211,7 +206,9 @@ class StateFile:
 
 
 def _since_boot_us_at(heard_s: float) -> int:
-    return since_boot_us() - round(1e6 * (time.monotonic() - heard_s))
+    """Return the time of a moment since the machine was started, its sleep included."""
+    since_boot_us = time.clock_gettime_ns(time.CLOCK_BOOTTIME) // 1_000
+    return since_boot_us - round(1e6 * (time.monotonic() - heard_s))
 
 
 class _Lock:
