@@ -572,7 +572,7 @@ class MatchResult:
     def save(self, folder: str | Path, *, overwrite: bool = False) -> None:
         """Write the folder of ``edge-vpr match``, without its report and figures.
 
-        ``edge-vpr evaluate`` and ``compare`` read it; `load` gives the result back.
+        ``edge-vpr evaluate`` and ``replay`` read it; `load` gives the result back.
 
         Parameters
         ----------

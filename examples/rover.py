@@ -1,6 +1,6 @@
 """Drive a route that a map knows, and stop at a goal: python rover.py PORT PROTOCOL MAP.npz GOAL_M.
 
-The map has positions (edge-vpr map --track or --odometry). `drive` is where the motors are.
+The map needs positions (edge-vpr map --track or --odometry). `drive` sets the speed of the motors.
 """
 
 import sys
@@ -11,10 +11,10 @@ from edge_vpr import Line, LiveSession
 from edge_vpr.errors import EdgeVprError
 
 FAST, SLOW, STOP = 1.0, 0.2, 0.0  # m/s
-PRECISION, MOST_MISSING = 0.99, 0.25  # of the matches to rely on; share of their events lost
-REACH_M = 10.0  # from there on
-MOST_AGE_S = 1.0  # of a match to drive on
-BLIND_M = 30.0  # driven at most between two matches to rely on
+PRECISION, MOST_MISSING = 0.99, 0.25  # of matches to rely on, and the share of events they miss
+REACH_M = 10.0  # how far beyond such a match the goal may be
+MOST_AGE_S = 1.0  # an older match stops the robot
+BLIND_M = 30.0  # longest way between two matches to rely on
 
 
 def follow(port: str, protocol: str, map_path: str, goal_m: float, drive: Callable) -> float | None:
@@ -28,7 +28,7 @@ def follow(port: str, protocol: str, map_path: str, goal_m: float, drive: Callab
         "heartbeat": "500ms",
         "precision": PRECISION,
     }
-    path, until_m = None, 0.0  # of the last match to rely on: its path, and how far to trust it
+    path, until_m = None, 0.0  # of the last match to rely on: its path, and how far it reaches
     speed, since_s, blind_m = STOP, time.monotonic(), 0.0  # blind_m: driven since that match
     try:
         with LiveSession(Line(port, reconnect=False), **route) as session:
@@ -37,7 +37,7 @@ def follow(port: str, protocol: str, map_path: str, goal_m: float, drive: Callab
             for match in session:
                 now_s = time.monotonic()
                 blind_m, since_s = blind_m + speed * (now_s - since_s), now_s
-                # a heartbeat has no place: the camera is silent, and nothing is seen
+                # a heartbeat has no place: the camera is silent
                 late = match.age_s > MOST_AGE_S  # an age that is not known is NaN
                 seen = match.place >= 0 and not late
                 confident = seen and not match.lost and match.missing <= MOST_MISSING

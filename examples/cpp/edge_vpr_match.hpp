@@ -21,7 +21,7 @@ namespace edge_vpr {
 using Real = std::optional<double>;
 using Integer = std::optional<std::int64_t>;
 
-/// One match. What is optional is empty where the row has null or no such field.
+/// One match. An optional member is empty if the row has null or no such field.
 struct Match {
     double time_s = 0;         ///< end of the matched window, seconds on the camera's clock
     std::int64_t place = 0;    ///< place on the map, from 0
@@ -63,7 +63,8 @@ inline constexpr std::pair<std::string_view, Member> fields[] = {
     {"second", &Match::second}, {"second_distance", &Match::second_distance}, {"ratio", &Match::ratio},
     {"events", &Match::events}, {"start_s", &Match::start_s}, {"trust", &Match::trust}, {"misfit", &Match::misfit}};
 
-/// One JSON text. Each function takes what it names from the front of `rest`, and returns whether it was there.
+/// One JSON text. Each function takes the part that it names from the front of `rest`, and returns whether it was
+/// there.
 struct Json {
     std::string_view rest;
 
@@ -174,7 +175,7 @@ inline bool share(const Real& x) { return !x || (*x >= 0 && *x <= 1); }
 /// Reads rows one by one.
 class Reader {
 public:
-    std::uint64_t refused = 0;  ///< lines that were no row, for example since a part is missing
+    std::uint64_t refused = 0;  ///< lines that are no row, such as incomplete ones
 
     /// The match of one line; nothing for a row of another kind, an empty line, or a line that is refused.
     std::optional<Match> read(std::string_view line) {

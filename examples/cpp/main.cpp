@@ -3,7 +3,7 @@
 //     g++ -std=c++17 -O2 main.cpp -o where
 //     curl -sN http://127.0.0.1:7000/events | ./where        # or: edge-vpr stream ... --json | ./where
 //
-// A robot must also stop when no match comes for a while: std::getline waits.
+// std::getline waits: a robot must also stop by itself when no match comes for a while.
 #include <iostream>
 
 #include "edge_vpr_match.hpp"

@@ -1,5 +1,5 @@
-/* The firmware's program in QEMU (make run): it says by semihosting what it found and whether
- * the vectors have the same, and ends. */
+/* The firmware's program in QEMU (make run): it prints its matches by semihosting, and whether
+ * the vectors have the same ones, and ends. */
 #define main firmware_main
 #include "main.c"
 #undef main

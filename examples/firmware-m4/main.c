@@ -1,18 +1,18 @@
 /* Recognise places on a Cortex-M4: the map lies in flash, events come from the board.
  *
  * map.h is a case.h of golden vectors (docs/firmware.md): a map's image, and recorded events that
- * stand in for a camera here. Replace what lies under "the board" by yours.
+ * stand in for a camera here. Replace the part "the board" by your own.
  */
 #include "map.h"
 #include "vpr.h"
 
-/* ---- what others read: a debugger, a line to the motors, a test ---- */
+/* ---- results, for a debugger, the motors or a test ---- */
 
 volatile uint32_t matches; /* accepted so far */
 volatile uint32_t place;   /* of the newest one */
-volatile bool refused;     /* the map is none, or needs more RAM than map.h says */
+volatile bool refused;     /* the image is damaged, or needs more RAM than map.h says */
 
-/* ---- the board: a camera that has seen all that it will see ---- */
+/* ---- the board: recorded events in place of a camera ---- */
 
 static const vpr_event_t *camera_next(const vpr_event_t **end)
 {
@@ -32,7 +32,7 @@ int main(void)
     vpr_match_t match;
     const vpr_event_t *end;
     const vpr_event_t *next = camera_next(&end);
-    (void)case_expected; /* of a test */
+    (void)case_expected; /* only a test reads it */
 
     if (!vpr_open(&design, case_image, CASE_IMAGE_BYTES) ||
         (vpr_ram_bytes(&design) > CASE_RAM_BYTES)) {

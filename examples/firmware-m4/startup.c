@@ -15,7 +15,7 @@ int main(void);
 void reset(void);
 void finished(void);
 
-/* Also of every fault: a debugger sees where it stands. */
+/* Every fault ends here too, where a debugger finds it. */
 __attribute__((noinline)) void finished(void)
 {
     for (;;) {

@@ -1,7 +1,7 @@
 /* Run golden vectors on a board: `edge-vpr golden verify VECTORS --port PORT` on the computer.
  *
  * The port is UART 0 of Arm's MPS2 boards and of their emulation (qemu-system-arm -M mps2-an386).
- * Replace what lies under "the board" by yours.
+ * Replace the part "the board" by your own.
  */
 #include "replay.h"
 

@@ -1,10 +1,10 @@
 """Send the events of a GENX320 on an OpenMV camera as `evpr` frames (docs/protocol_evpr.md).
 
-Save it on the camera as main.py, and connect the transmit pin of UART to the host:
+Save this file on the camera as main.py, connect the transmit pin of its UART to the host, and run:
 
     edge-vpr stream --port /dev/ttyUSB0 --baud 921600 --protocol evpr --map map.npz --precision 0.99
 
-Events that the line cannot carry are dropped and counted; what the sensor drops is not counted.
+The script drops and counts events that the line cannot carry. The sensor drops others uncounted.
 """
 
 import os
@@ -19,11 +19,11 @@ from machine import UART
 from ulab import numpy as np
 
 PORT, BAUD = 1, 921_600
-#: events of a read, a power of two of at least 1,024, and of a frame
+#: events per read, a power of two from 1,024 on, and events per frame
 READ, MOST = 1024, 512
-#: bytes of an event on the line, with its share of the frame
+#: bytes of an event on the line, with its share of what a frame adds
 EVENT_BYTES = 5
-#: after which time without events a frame says that nothing happened
+#: silence after which a frame without events shows that time has passed
 SILENT_US = 100_000
 HEADER, HEADER_BYTES = "<BBHIIQ", 20
 
@@ -33,8 +33,8 @@ def pack(events: ptr16, state: ptr32, out: ptr8) -> int:  # noqa: F821
     """Write events as words of 4 bytes behind the header, and return where they end.
 
     A row of `events` has the type, seconds, milliseconds, microseconds, x and y. `state` holds the
-    first row, the row after the last one, the second from which times count, the time of the word
-    before in microseconds, which is updated, and the number of events, which is counted up.
+    first row, the row after the last one, the second from which times count, the time of the last
+    word in microseconds, and the number of events. `pack` updates the last two.
     """
     at = 20
     time_us = state[3]
@@ -89,7 +89,7 @@ def stuff(data: ptr8, size: int, out: ptr8) -> int:  # noqa: F821
 
 
 class Sender:
-    """Numbers frames and writes them to a line."""
+    """Frames events, and writes the frames to a line."""
 
     def __init__(self, line):
         self.line, self.boot = line, struct.unpack("<H", os.urandom(2))[0]
@@ -97,7 +97,7 @@ class Sender:
         self.frame, self.stuffed = bytearray(8192), bytearray(8300)
 
     def send(self, base_us, end, events):
-        """Send the words in `frame` up to `end`, of so many events."""
+        """Send the words in `frame` up to `end`, which hold this number of events."""
         counts = self.sent & 0xFFFFFFFF, self.dropped & 0xFFFFFFFF
         struct.pack_into(HEADER, self.frame, 0, 0x14, 0x99, self.boot, *counts, base_us)
         struct.pack_into("<I", self.frame, end, crc32(memoryview(self.frame)[:end]))
