@@ -30,11 +30,11 @@ def test_what_a_match_costs_is_what_estimate_says(prose, capsys):
     memory = of["memory"]
     flash, ram = (memory[name] / 1024 for name in ("flash_bytes", "ram_bytes"))
     second = estimate["sizes"]["place_bytes"] * estimate["design"]["places_per_window"]
-    assert f"the first drive, of which a second takes {second} bytes." in prose
+    assert f"of the first drive: {second} bytes per second of the route." in prose
     said = (
         f"On a Cortex-M4, whose firmware keeps a byte per code, a route of 500 s, 1,000 places, "
-        f"takes {flash:.0f} KiB of flash and {ram:.0f} KiB of RAM, and a match "
-        f"{1e3 * of['load']['central']:.0f} ms and {1e3 * of['per_match_j']['central']:.1f} mJ at "
+        f"takes **{flash:.0f} KiB of flash and {ram:.0f} KiB of RAM, and a match "
+        f"{1e3 * of['load']['central']:.0f} ms and {1e3 * of['per_match_j']['central']:.1f} mJ** at "
         f"100,000 events per second"
     )
     assert said in re.sub(r"\[([^\]]*)\]\([^)]*\)", r"\1", prose)
