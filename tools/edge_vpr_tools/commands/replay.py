@@ -1,4 +1,4 @@
-"""`edge-vpr replay`: show a match as a film."""
+"""`edge-vpr replay`: show the matches of a drive as a film."""
 
 from __future__ import annotations
 

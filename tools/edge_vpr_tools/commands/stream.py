@@ -1,4 +1,4 @@
-"""`edge-vpr stream`: localise live with a camera on a line, or make a map with it."""
+"""`edge-vpr stream`: match live with a camera on a line, or make a map with it."""
 
 from __future__ import annotations
 
@@ -76,8 +76,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--max-age", metavar="TIME",
         help="reject a match that is older than this when it is printed (default: two windows)",
     )  # fmt: skip
-    places = parser.add_argument_group("localising")
-    places.add_argument("--map", metavar="MAP.npz", help="map to localise on")
+    places = parser.add_argument_group("map and matches")
+    places.add_argument("--map", metavar="MAP.npz", help="map to match with")
     places.add_argument(
         "--every", metavar="WHEN",
         help="when stream gives a match: a time such as 50ms, event (after each event at a "
