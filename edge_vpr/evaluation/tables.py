@@ -285,7 +285,7 @@ def _logged_readings(path: Path) -> Floats:
             ) from error
     if not readings:
         raise GroundTruthError(
-            f"{path} has no readings of an odometer: write it by edge-vpr stream --odometry --log"
+            f"{path} has no readings of an odometer: give the log of edge-vpr stream --odometry"
         )
     return np.array(list(readings.items()))
 
