@@ -34,8 +34,8 @@ def test_what_a_match_costs_is_what_estimate_says(prose, capsys):
     said = (
         f"On a Cortex-M4, whose firmware keeps a byte per code, a route of 500 s, 1,000 places, "
         f"takes **{flash:.0f} KiB of flash and {ram:.0f} KiB of RAM, and a match "
-        f"{1e3 * of['load']['central']:.0f} ms and {1e3 * of['per_match_j']['central']:.1f} mJ** at "
-        f"100,000 events per second"
+        f"{1e3 * of['load']['central']:.0f} ms and {1e3 * of['per_match_j']['central']:.1f} mJ** "
+        f"at 100,000 events per second"
     )
     assert said in re.sub(r"\[([^\]]*)\]\([^)]*\)", r"\1", prose)
 
