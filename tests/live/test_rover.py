@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import math
 import runpy
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -69,6 +71,39 @@ def test_a_rover_stops_near_its_goal(faults, back_m, places, driven, clock, stre
     stopped_m = track.at(np.array([round(1e6 * (camera.now_s + off_s))]))[0, 0]
     along_m = ReferenceMap.load(map_path).route.along_m
     assert abs(stopped_m - goal_m) <= places * np.diff(along_m).max()
+
+
+def test_a_rover_relies_on_sure_matches_without_losses_until_the_path_jumps(rover):
+    """The session's matches are made by hand: metre, lost, missing, jumps."""
+    given = [
+        (90, False, 0, 0),
+        (105, True, 0, 0),  # beyond the goal, and beyond the reach of the sure match
+        (101, False, 0.5, 0),  # half of its events are lost
+        (102, False, 0.25, 0),
+        (105, True, 0, 1),  # on another path, and further than the goal
+        (103, False, 0, 1),
+        (105, True, 0.5, 1),  # on the path of the last sure match, within its reach
+    ]
+
+    class Given:
+        reference = SimpleNamespace(along_mm=[0])
+
+        def __enter__(self):
+            return self
+
+        def __exit__(self, *error):
+            pass
+
+        def __iter__(self):
+            for along_m, lost, missing, jumps in given:
+                yield SimpleNamespace(
+                    along_m=along_m, lost=lost, missing=missing, jumps=jumps, place=7,
+                    age_s=math.nan,
+                )  # fmt: skip
+
+    rover["LiveSession"], speeds = lambda *_, **__: Given(), []
+    assert rover["follow"]("camera", "evpr", "map.npz", 104, speeds.append) == 105
+    assert speeds == [FAST, SLOW, SLOW, FAST, SLOW, FAST, SLOW, 0.0]
 
 
 def test_a_rover_whose_camera_falls_silent_stops_at_once(driven, rover, clock, street):
