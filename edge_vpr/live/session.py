@@ -187,7 +187,7 @@ class LiveSession:
         self.sensor = _sensor_of(sensor, loaded)
         self.reference = None
         if loaded is not None:
-            self.reference = loaded.causal_with(None, changes, "matching")
+            self.reference = loaded.causal_with(None, changes, "LiveSession")
         line = line if isinstance(line, Line) else Line(line)
         source = Path(line.link) if isinstance(line.link, str | os.PathLike) else None
         self.files = SessionFiles() if files is None else files
