@@ -178,6 +178,8 @@ def add(
 ) -> None:
     """Write the metrics with the evidence of the sum of each hypothesis, at most `most`.
 
+    All sums fit into 16 bits, and those of hypotheses in use stay below `UNUSED`.
+
     Parameters
     ----------
     metric : ndarray of int16, shape (K, LANES)
