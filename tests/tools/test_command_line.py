@@ -306,6 +306,30 @@ def test_an_interrupt_in_a_callback_or_that_a_library_turns_into_an_error_is_one
     assert done.stderr == "edge-vpr: interrupted; no incomplete file was left\n"
 
 
+INTERRUPTED_WITHIN = """
+import signal, sys, time
+from edge_vpr_tools import cli
+
+def run(argv):
+    within = {"__name__": sys.argv[1], "signal": signal}
+    exec("signal.raise_signal(signal.SIGINT); print('handed on', flush=True)", within)
+    time.sleep(600)
+
+signal.signal(signal.SIGINT, signal.default_int_handler)
+cli.run = run
+sys.exit(cli.main(["info"]))
+"""
+
+
+@pytest.mark.parametrize("library", ["importlib._bootstrap", "llvmlite.binding.module"])
+def test_an_interrupt_waits_until_a_library_can_be_left(library):
+    """The compiler would free a module twice that it had handed on, and end the process."""
+    words = [sys.executable, "-c", INTERRUPTED_WITHIN, library]
+    done = subprocess.run(words, capture_output=True, text=True, timeout=240)
+    assert done.returncode == cli.EXIT_INTERRUPTED
+    assert done.stdout == "handed on\n"
+
+
 @pytest.mark.slow
 def test_an_interrupt_at_any_time_is_not_lost(drive, tmp_path):
     """While libraries are imported, kernels loaded and files written."""

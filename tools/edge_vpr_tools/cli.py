@@ -249,8 +249,9 @@ def finite_number(text: str) -> float:
 EXIT_FAILED, EXIT_INTERRUPTED = 1, 130
 #: seconds after which an interrupt is repeated that came where no error is to be raised
 _AGAIN_S = 0.05
-#: modules of Python that import others
-_IMPORTING = "importlib._bootstrap"
+#: modules in which no error may be raised: a library in C that imports would print it before it
+#: makes another; the compiler would free twice what it had handed on
+_UNBROKEN = ("importlib._bootstrap", "llvmlite.")
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -276,10 +277,11 @@ def main(argv: Sequence[str] | None = None) -> int:
     interrupts: list[int] = []
 
     def interrupt(number: int, frame: FrameType | None) -> None:
-        if frame is not None and frame.f_globals.get("__name__", "").startswith(_IMPORTING):
-            # a library in C may be what imports, and would print the error before it makes another
-            signal.setitimer(signal.ITIMER_REAL, _AGAIN_S)
-            return
+        while frame is not None and frame.f_globals is not globals():
+            if frame.f_globals.get("__name__", "").startswith(_UNBROKEN):
+                signal.setitimer(signal.ITIMER_REAL, _AGAIN_S)
+                return
+            frame = frame.f_back
         interrupts.append(number)
         raise KeyboardInterrupt
 
