@@ -167,11 +167,13 @@ class _Drive(NamedTuple):
 
     def _distances(self, first: int, last: int) -> npt.NDArray[np.integer]:
         """Return the distances of the sums of windows to all places, shape (n, sums, K)."""
-        of_sums = [self.queries.counts[first:last]]
+        counts = self.queries.counts[first:last, np.newaxis]
         if self.place_filter.sums > 1:
             assert self.queries.summed is not None
-            of_sums += [self.queries.summed[first:last, i] for i in range(2)]
-        return np.stack([self.reference.rows(codes) for codes in of_sums], axis=1)
+            counts = np.concatenate([counts, self.queries.summed[first:last]], axis=1)
+        windows, sums, pixels = counts.shape
+        rows = self.reference.rows(counts.reshape(windows * sums, pixels))
+        return rows.reshape(windows, sums, self.reference.places)
 
 
 def _smooth(drive: _Drive, filtered: FilteredDrive) -> None:

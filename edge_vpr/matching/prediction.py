@@ -248,20 +248,21 @@ def move_on(metric: Narrow, table: FilterTable, activity: int, back: bool, out: 
         that is reached.
     """
     places, size, steps = len(metric), metric.size, min(len(table.costs), len(metric))
-    restarted, cost = least_of_lanes(metric), np.empty((steps, places, LANES), dtype=np.uint8)
+    restarted, column = least_of_lanes(metric), np.empty(places, dtype=np.int64)
     for h in range(LANES):
         restarted[0, h] += table.restart_cost
     # the lanes of a place are copied as words, and sums are in long loops, which are vectors
     from_any, words = restarted.view(np.int64), out.view(np.int64)
-    of_column, of_place = table.costs.view(np.int64), cost.view(np.int64)
     for k in range(places):
-        column = first_column(activity, table.activity[k])
+        column[k] = first_column(activity, table.activity[k])
         words[k, 0], words[k, 1] = from_any[0, 0], from_any[0, 1]
-        for i in range(steps):
-            of_place[i, k, 0] = of_column[i, column, 0]
-    before, reached = metric.reshape(size), out.reshape(size)
+    cost = np.empty((places, LANES), dtype=np.uint8)
+    of_column, of_place = table.costs.view(np.int64), cost.view(np.int64)
+    before, reached, costs = metric.reshape(size), out.reshape(size), cost.reshape(size)
     for i in range(steps):
-        far, rest, costs = i * LANES, size - i * LANES, cost[i].reshape(size)
+        for k in range(places):
+            of_place[k, 0] = of_column[i, column[k], 0]
+        far, rest = i * LANES, size - i * LANES
         to, source = (0, far) if back else (far, 0)
         lower(reached[to : to + rest], before[source : source + rest], costs[far:])
 
