@@ -458,20 +458,15 @@ class EvtWordDecoder:
         for name in ("high", "low", "row", "first"):
             self._state[name] = -1
 
-    @property
-    def wraps(self) -> int:
-        """Number of wraps of the clock."""
-        return max(0, self._state.item()[0] >> self._high_bits)
+    def take_counts(self) -> tuple[int, int]:
+        """Return the number of wraps of the clock, and of dropped events since the last call.
 
-    def take_undated(self) -> int:
-        """Return the number of dropped events since the last call.
-
-        These came before the first words of time and place.
+        Events before the first words of time and place are dropped.
         """
-        undated: int = self._state.item()[-1]
-        if undated:
+        values = self._state.item()
+        if values[-1]:
             self._state["undated"] = 0
-        return undated
+        return max(0, values[0] >> self._high_bits), values[-1]
 
     def decode(self, words: Words) -> Columns:
         """Decode words; the returned columns are valid until the next call."""
@@ -513,7 +508,7 @@ class EvtSource(Source):
         for words, position in self._file.blocks(decoder.dtype, n, log, what="a word"):
             self.position = position
             columns = decoder.decode(words)
-            log.undated(decoder.take_undated())
+            log.undated(decoder.take_counts()[1])
             yield columns
 
 

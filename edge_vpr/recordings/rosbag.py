@@ -327,7 +327,7 @@ class PacketDecoder:
 
     def take_undated(self) -> int:
         """Return the number of events before the first time word, since the last call."""
-        return self._evt3.take_undated()
+        return self._evt3.take_counts()[1]
 
     def read(self, cursor: Cursor) -> Columns:
         """Read the rest of ``event_camera_msgs/EventPacket``; times are on the camera's clock.

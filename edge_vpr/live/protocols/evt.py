@@ -69,8 +69,8 @@ class EvtDecoder(WordDecoder):
             words.flags.writeable = False
         used = int(_whole(words, self._name == "evt3", self._shift, *self.sensor))
         columns = self._words.decode(words[:used])
-        self.health.reject_undated(self._words.take_undated())
-        self.health.wraps = self._words.wraps
+        self.health.wraps, undated = self._words.take_counts()
+        self.health.reject_undated(undated)
         return used, columns, used < words.size
 
     def _lose_sync(self) -> None:

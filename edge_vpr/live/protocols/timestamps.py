@@ -122,11 +122,12 @@ class TimestampFilter:
         # host's times of the newest bytes, and of those that last advanced this clock, to `_then`
         self._host_us: int | None = None
         self._advanced_us = self._then = 0
-        self._vouched, self._most_held = clock.vouched, 1 if clock.vouched else CONFIRM
+        self._vouched, self._held = clock.vouched, self._state["held"]
+        confirm = 1 if clock.vouched else CONFIRM
         self.kernel_state = shared_state(
             _FilterState(
-                self._state, empty_events(self._most_held).columns, sensor.width, sensor.height,
-                period, late, sure, step_limit, max(1, silence // tick), tick, self._most_held,
+                self._state, empty_events(confirm).columns, sensor.width, sensor.height,
+                period, late, sure, step_limit, max(1, silence // tick), tick, confirm,
             )
         )  # fmt: skip
 
@@ -165,10 +166,11 @@ class TimestampFilter:
         decoded = columns.t.size
         if not Events(*columns).packed:  # of a decoder of another package
             columns = self._narrowed(columns)
-        out = empty_events(columns.t.size + self._most_held)
+        # all that can come out, which is what does unless there is a fault
+        out = empty_events(columns.t.size + self._held.item())
         n = admit_columns(self.kernel_state, *columns, *out.columns)
         self.report(decoded, n)
-        return out[:n]
+        return out if n == out.size else out[:n]
 
     def _narrowed(self, columns: Columns) -> Columns:
         """Return columns of the types of `Events`; pixels beyond these are off the sensor."""
