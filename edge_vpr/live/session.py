@@ -112,9 +112,9 @@ class LiveSession:
     >>> len(places) > 5, str(session.health)
     (True, 'no faults')
 
-    The session owns the link, the decoder and its requests to the camera, the localiser, the clock,
-    the counts of losses, reconnection, recordings and the robot's odometer. All kernels are
-    loaded or compiled before the link is opened, so that a camera never waits for a compiler.
+    The session owns the link, its files and a `StreamMatcher`, which has the decoder and the
+    localiser. All kernels are loaded or compiled before the link is opened, so that a camera never
+    waits for a compiler.
 
     Parameters
     ----------

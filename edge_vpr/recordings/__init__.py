@@ -84,6 +84,7 @@ class Format:
     source: str  #: Called with path and `ReadOptions`; returns a `Source`.
     sink: str = ""  #: Called with path, sensor and start; returns a `Sink`. Empty: never written.
     suffixes: tuple[str, ...] = ()
+    magic: tuple[bytes, ...] = ()  #: With one of which each such file begins.
 
     def open_source(self, path: Path, options: ReadOptions) -> Source:
         """Open a file to read from."""
@@ -105,21 +106,26 @@ def _imported(name: str) -> Any:
 FORMATS: dict[str, Format] = {each.name: each for each in (
     Format("npz", "NumPy archive of events", ".numpy_files:NpzSource", ".numpy_files:NpzSink",
            (".npz",)),
-    Format("npy", "NumPy array of events", ".numpy_files:NpySource", "", (".npy",)),
+    Format("npy", "NumPy array of events", ".numpy_files:NpySource", "", (".npy",),
+           (b"\x93NUMPY",)),
     Format("csv", "text, one event a line", ".text:TextSource", ".text:TextSink", (".csv", ".txt")),
     Format("frames", "count frames in .npz or .npy, or a folder of PNG or .npy",
            ".frames:FrameSource"),
-    Format("parquet", "Apache Parquet", ".parquet:ParquetSource", "", (".parquet",)),
+    Format("parquet", "Apache Parquet", ".parquet:ParquetSource", "", (".parquet",), (b"PAR1",)),
     Format("evt2", "Prophesee RAW EVT 2.0", ".prophesee:EvtSource", ".prophesee:Evt2Sink",
            (".raw",)),
     Format("evt21", "Prophesee RAW EVT 2.1", ".prophesee:EvtSource"),
     Format("evt3", "Prophesee RAW EVT 3.0", ".prophesee:EvtSource"),
-    Format("aedat4", "iniVation AEDAT 4", ".aedat:Aedat4Source", "", (".aedat4",)),
-    Format("aedat3", "cAER AEDAT 3.1", ".aedat:Aedat3Source"),
-    Format("aedat2", "jAER AEDAT 2", ".aedat:Aedat2Source", "", (".aedat", ".aedat2")),
-    Format("hdf5", "HDF5 (Metavision, DSEC)", ".hdf5:Hdf5Source", "", (".h5", ".hdf5")),
-    Format("rosbag1", "ROS 1 bag", ".rosbag:BagSource", "", (".bag",)),
-    Format("rosbag2", "ROS 2 bag", ".rosbag:BagSource", "", (".db3", ".mcap")),
+    Format("aedat4", "iniVation AEDAT 4", ".aedat:Aedat4Source", "", (".aedat4",),
+           (b"#!AER-DAT4",)),
+    Format("aedat3", "cAER AEDAT 3.1", ".aedat:Aedat3Source", magic=(b"#!AER-DAT3.1",)),
+    Format("aedat2", "jAER AEDAT 2", ".aedat:Aedat2Source", "", (".aedat", ".aedat2"),
+           (b"#!AER-DAT2",)),
+    Format("hdf5", "HDF5 (Metavision, DSEC)", ".hdf5:Hdf5Source", "", (".h5", ".hdf5"),
+           (b"\x89HDF\r\n\x1a\n",)),
+    Format("rosbag1", "ROS 1 bag", ".rosbag:BagSource", "", (".bag",), (b"#ROSBAG V2.0",)),
+    Format("rosbag2", "ROS 2 bag", ".rosbag:BagSource", "", (".db3", ".mcap"),
+           (b"SQLite format 3\0", b"\x89MCAP0\r\n")),
 )}  # fmt: skip
 #: What `sniff` calls a file whose header states its encoding; the reader finds which.
 RAW = "raw"
@@ -344,19 +350,9 @@ _BY_FAERY = "convert it to .npz by faery, as docs/recordings.md says"
 def _sniff_bytes(path: Path, head: bytes) -> str | None:
     if head.startswith(b"PK"):
         return _sniff_zip(path)
-    for magic, name in (
-        (b"\x93NUMPY", "npy"),
-        (b"PAR1", "parquet"),
-        (b"\x89HDF\r\n\x1a\n", "hdf5"),
-        (b"#ROSBAG V2.0", "rosbag1"),
-        (b"SQLite format 3\0", "rosbag2"),
-        (b"\x89MCAP0\r\n", "rosbag2"),
-        (b"#!AER-DAT4", "aedat4"),
-        (b"#!AER-DAT3.1", "aedat3"),
-        (b"#!AER-DAT2", "aedat2"),
-    ):
-        if head.startswith(magic):
-            return name
+    for each in FORMATS.values():
+        if head.startswith(each.magic):
+            return each.name
     if head.startswith(b"Event Stream"):
         raise RecordingError(f"{path} is an Event Stream: {_BY_FAERY}")
     if head.startswith(b"% ") and path.suffix.lower() not in (*_TEXT, ".dat"):
