@@ -192,11 +192,11 @@ def add(
         Hypotheses that are not in use become `most`, of at most `UNUSED`.
     """
     size, n_sums = metric.size, len(of_sums)
-    lanes = np.empty((n_sums + 1, LANES), dtype=np.int16)
-    for h in range(LANES):
-        for s in range(n_sums):
-            lanes[s, h] = sums[h] == s if h < hypotheses else 0
-        lanes[n_sums, h] = 0 if h < hypotheses else UNUSED
+    lanes = np.zeros((n_sums + 1, LANES), dtype=np.int16)
+    for h in range(hypotheses):
+        lanes[sums[h], h] = 1
+    for h in range(hypotheses, LANES):
+        lanes[n_sums, h] = UNUSED
     # a word of four lanes, multiplied by the evidence, has it in those of its sum
     against = np.empty(metric.shape, dtype=np.int16)
     of_lanes, words = lanes.view(np.int64), against.view(np.int64)
@@ -209,6 +209,6 @@ def add(
         for k in range(len(metric)):
             words[k, 0] += of_sums[s, k] * low
             words[k, 1] += of_sums[s, k] * high
-    before, after, added = metric.reshape(size), out.reshape(size), against.reshape(size)
+    before, after, added = metric.flat, out.flat, against.flat
     for j in range(size):
         after[j] = min(np.int16(before[j] + added[j]), np.int16(most))

@@ -223,7 +223,7 @@ def end_window(state: FilterState, metrics: Narrow) -> None:
     state.numbers[0] = state.numbers[1]
     for s in range(state.reciprocal.shape[1]):
         state.reciprocal[0, s] = state.reciprocal[1, s]
-    after, metric = state.metric.reshape(metrics.size), metrics.reshape(metrics.size)
+    after, metric = state.metric.flat, metrics.flat
     for j in range(metrics.size):
         after[j] = metric[j]
 

@@ -117,8 +117,8 @@ class FilterTable(NamedTuple):
 
     Attributes
     ----------
-    costs : ndarray of uint8, shape (steps, columns, LANES)
-        See `TransitionCosts.by_step`.
+    costs : ndarray of int64, shape (steps, columns)
+        See `TransitionCosts.by_step`: the LANES bytes of each column in a word.
     gains : ndarray of int64, shape (hypotheses,)
         Gain of each hypothesis, in 1/16 octave.
     restart_cost : int
@@ -135,7 +135,7 @@ class FilterTable(NamedTuple):
         Places on each side of the best that the match may be the middle of.
     """
 
-    costs: npt.NDArray[np.uint8]
+    costs: npt.NDArray[np.int64]
     gains: npt.NDArray[np.int64]
     restart_cost: int
     activity: npt.NDArray[np.int32]
@@ -191,11 +191,10 @@ def change_gains(metric: Narrow, hypotheses: int) -> None:
 @kernel(inner=True)
 def subtract_least(metric: Narrow) -> None:
     """Subtract the least metric of all places and hypotheses; unused ones are never lower."""
-    flat = metric.reshape(metric.size)
-    least = flat[0]
-    for j in range(flat.size):
+    flat, least = metric.flat, metric[0, 0]
+    for j in range(metric.size):
         least = min(least, flat[j])
-    for j in range(flat.size):
+    for j in range(metric.size):
         flat[j] -= least
 
 
@@ -208,22 +207,24 @@ def first_column(activity: int, of_place: int) -> int:
 
 @kernel(inner=True)
 def least_of_lanes(metric: Narrow) -> Narrow:
-    """Return the least metric of each hypothesis, shape (1, LANES)."""
-    least, places = metric.reshape(metric.size).copy(), len(metric)
+    """Return the least metric of each hypothesis, shape (LANES,)."""
+    copy, places = metric.copy(), len(metric)
+    least = copy.flat
     while places > 1:  # of two halves: loops over lanes are no vectors
         half = (places + 1) >> 1
         for j in range((places - half) * LANES):
             least[j] = min(least[j], least[half * LANES + j])
         places = half
-    return least[:LANES].reshape((1, LANES))
+    return copy[0]
 
 
 @kernel(inner=True)
 def least_of_places(metric: Narrow, least: Metrics) -> None:
     """Write the least metric of each place, shape (K,)."""
-    of_lanes = metric.reshape(metric.size).copy()
+    copy = metric.copy()
+    of_lanes = copy.flat
     for lanes in (4, 2):
-        for j in range(of_lanes.size - lanes):
+        for j in range(copy.size - lanes):
             of_lanes[j] = min(of_lanes[j], of_lanes[j + lanes])
     for k in range(least.size):
         least[k] = min(of_lanes[LANES * k], of_lanes[LANES * k + 1])
@@ -250,28 +251,22 @@ def move_on(metric: Narrow, table: FilterTable, activity: int, back: bool, out: 
     places, size, steps = len(metric), metric.size, min(len(table.costs), len(metric))
     restarted, column = least_of_lanes(metric), np.empty(places, dtype=np.int64)
     for h in range(LANES):
-        restarted[0, h] += table.restart_cost
+        restarted[h] += table.restart_cost
     # the lanes of a place are copied as words, and sums are in long loops, which are vectors
     from_any, words = restarted.view(np.int64), out.view(np.int64)
     for k in range(places):
         column[k] = first_column(activity, table.activity[k])
-        words[k, 0], words[k, 1] = from_any[0, 0], from_any[0, 1]
-    cost = np.empty((places, LANES), dtype=np.uint8)
-    of_column, of_place = table.costs.view(np.int64), cost.view(np.int64)
-    before, reached, costs = metric.reshape(size), out.reshape(size), cost.reshape(size)
+        words[k, 0], words[k, 1] = from_any[0], from_any[1]
+    cost = np.empty(places, dtype=np.int64)
+    before, reached, costs = metric.flat, out.flat, cost.view(np.uint8)
     for i in range(steps):
         for k in range(places):
-            of_place[k, 0] = of_column[i, column[k], 0]
-        far, rest = i * LANES, size - i * LANES
+            cost[k] = table.costs[i, column[k]]
+        far = i * LANES
         to, source = (0, far) if back else (far, 0)
-        lower(reached[to : to + rest], before[source : source + rest], costs[far:])
-
-
-@kernel(inner=True)
-def lower(metric: Narrow, other: Narrow, cost: npt.NDArray[np.uint8]) -> None:
-    """Lower each metric to another one plus its cost."""
-    for j in range(metric.size):
-        metric[j] = min(metric[j], np.int16(other[j] + cost[j]))
+        for j in range(size - far):
+            moved = np.int16(before[source + j] + costs[far + j])
+            reached[to + j] = min(reached[to + j], moved)
 
 
 @kernel(inline="always")
@@ -400,8 +395,8 @@ class Transitions:
             typical = np.zeros(places, dtype=np.int64)
         gains = np.array(GAINS if costs.gains > 1 else (0,), dtype=np.int64)
         self.table = FilterTable(
-            costs.by_step, gains, costs.restart << FRACTION_BITS, place_activity, typical,
-            bias_of(typical), exclusion, REACH[costs.places_per_window],
+            costs.by_step.view(np.int64)[:, :, 0], gains, costs.restart << FRACTION_BITS,
+            place_activity, typical, bias_of(typical), exclusion, REACH[costs.places_per_window],
         )  # fmt: skip
         self._along = along_mm
         #: mean distance between two places; 0 if the map has no distances

@@ -82,8 +82,8 @@ def smooth_windows(
     hypotheses = table.gains.size
     for i in range(len(rows.matches) - 1, -1, -1):
         row, sums, metric = rows.matches[i], rows.sums[i], rows.metrics[i]
-        whole, to_go = metric.reshape(metric.size), cost_to_go.reshape(metric.size)
-        for j in range(whole.size):
+        whole, to_go = metric.flat, cost_to_go.flat
+        for j in range(metric.size):
             whole[j] += to_go[j]
         place, gain, margin = best(metric, table, rows.least[i], row)
         against, factor = rows.evidence[i, sums[gain]], rows.factor[i, sums[gain]]

@@ -47,7 +47,7 @@ def match_with(pair: MappedPair, constants: Constants) -> npt.NDArray[np.int64]:
     place_filter = PlaceFilter.of(coded.places, coded.settings)
     table = place_filter.transitions.table
     place_filter.transitions.table = table._replace(
-        costs=np.rint(constants.steps * table.costs).astype(np.uint8),
+        costs=np.rint(constants.steps * table.costs.view(np.uint8)).astype(np.uint8).view(np.int64),
         restart_cost=round(constants.restart * table.restart_cost),
         bias=np.rint(constants.typical * table.bias).astype(np.int64),
     )
