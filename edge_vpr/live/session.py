@@ -91,6 +91,7 @@ class LiveStatus(NamedTuple):
     dead_s: float = 0.0  #: Seconds for which the link was disconnected, in all so far.
     max_age_s: float = math.inf  #: Age beyond which a match is lost.
     bursts_removed: int = 0  #: Events removed as bursts.
+    no_odometry: bool = False  #: Whether no reading has come of the odometer that the session has.
 
 
 class LiveSession:
@@ -412,7 +413,7 @@ class LiveSession:
         reader, matcher = self._reader, self._matcher
         return LiveStatus(
             self.health, matcher.filled, reader.lost_link, reader.dead_s, self._newest_max_age_s,
-            matcher.bursts_removed,
+            matcher.bursts_removed, self._odometer is not None and self._first_mm is None,
         )  # fmt: skip
 
     @property

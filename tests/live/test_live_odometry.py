@@ -316,6 +316,16 @@ def test_a_live_run_shows_the_odometer_s_metres_beside_the_length_of_the_route(
     assert health["odometer_m"] == (last_mm - first_mm) / 1e3 < 0
 
 
+def test_an_odometer_that_never_speaks_is_told(streamed, drive, capsys, monkeypatch):
+    """The matches are those of a run without odometry."""
+    words = ["--map", drive / "map.npz", "--precision", "0.99"]
+    monkeypatch.setattr(TalkingOdometer, "take", lambda *_: None)
+    streamed(*words)
+    text = "".join(capsys.readouterr())
+    assert "| no reading of the odometer has come |" in text
+    assert "\nno reading of the odometer has come: matched without it\n" in text
+
+
 @pytest.fixture(scope="module")
 def street():
     """A map with positions, and another drive's cleaned events and metres."""

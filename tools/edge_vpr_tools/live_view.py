@@ -142,6 +142,7 @@ def route_row(reference: ReferenceMap) -> dict[str, Any]:
 
 
 _REFRESH_S, _LINE_S = 0.125, 1.0
+_NO_ODOMETRY = "no reading of the odometer has come"
 #: Lag that is shown; less is the scheduling of any machine.
 _LAG_US = 100_000
 
@@ -291,6 +292,8 @@ class View:
         if status.dead_s:
             dead = f"the link was lost for {status.dead_s:,.1f} s"
             faults = dead if faults == "no faults" else f"{faults}; {dead}"
+        if status.no_odometry:
+            text += f"\n{_NO_ODOMETRY}: matched without it"
         self._print(f"{text}\nhealth: {faults}\nlosses: {health.describe_losses()}")
 
     def _health(self, status: LiveStatus) -> dict[str, Any]:
@@ -332,6 +335,8 @@ class View:
                 texts["odometer"] = ratio_text(health.odometer_m, newest.route_m)
         elif self._places:
             texts["place"] = f"waiting for the first match: {100 * status.filled:.0f} %"
+        if status.no_odometry:
+            texts["odometer"] = _NO_ODOMETRY
         if status.lost_link:
             texts["health"] = "link lost" if str(health) == "no faults" else f"link lost, {health}"
             return texts

@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import argparse
+import threading
+from concurrent.futures import ThreadPoolExecutor
 from functools import partial
+from itertools import takewhile
 from pathlib import Path
 from shlex import quote
 from typing import TYPE_CHECKING, Any
@@ -59,9 +62,17 @@ def run(args: argparse.Namespace) -> None:
     output.absolute().parent.mkdir(parents=True, exist_ok=True)
     results.check_output_folder(output, args.overwrite)
     first, second = simulate_pair()  # `replay` drives them once more
-    first.keep(partial(with_progress, label="simulating the reference drive"))
-    label = "simulating the query drive: other speed, other light, other traffic"
-    second.keep(partial(with_progress, label=label))
+    # side by side: most of the time is in kernels; takes nothing from a drive that is interrupted
+    stopped = threading.Event()
+    with ThreadPoolExecutor(1) as beside:
+        kept = beside.submit(first.keep, partial(takewhile, lambda _: not stopped.is_set()))
+        label = "simulating two drives: other speed, other light, other traffic"
+        try:
+            second.keep(partial(with_progress, label=label))
+        except BaseException:
+            stopped.set()
+            raise
+        kept.result()
     rows, judged_results = [], []
     with status("mapping and matching") as show:
         for name, (preset, changes) in _METHODS.items():
