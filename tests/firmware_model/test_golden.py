@@ -549,7 +549,26 @@ def test_the_command_makes_and_verifies_vectors(tmp_path, run, refused):
     records = list(correct_results(vectors))
     verified = ["golden", "verify", vectors, "--results", results]
     results.write_bytes(to_binary(records))
-    assert "equal records" in run(*verified).out
+    out, said = run(*verified)
+    assert "equal records" in out and "facts" not in said and "lack" not in said
+    run(
+        *made[:3],
+        "--suite",
+        "own",
+        "--suite",
+        "corners",
+        "--vectors",
+        "200KB",
+        "-o",
+        tmp_path / "few",
+    )
+    (tmp_path / "few.bin").write_bytes(to_binary(correct_results(tmp_path / "few")))
+    said = run("golden", "verify", tmp_path / "few", "--results", tmp_path / "few.bin").err
+    assert re.search(r"own shows \d+ of its \d+ facts, and no fault in the others", said)
+    run(*made[:3], "--suite", "corners", "-o", tmp_path / "rest")
+    (tmp_path / "rest.bin").write_bytes(to_binary(correct_results(tmp_path / "rest")))
+    said = run("golden", "verify", tmp_path / "rest", "--results", tmp_path / "rest.bin").err
+    assert "these vectors lack the suite own, without which many faults are not found" in said
     second = [i for i, (kind, _) in enumerate(records) if kind == "case"][1]
     results.write_bytes(to_binary(records[:second]))
     assert "were not verified, such as corners/" in run(*verified, code=1).err

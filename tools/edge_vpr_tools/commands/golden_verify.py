@@ -14,6 +14,7 @@ from edge_vpr_tools.console import note, number_of, status, summary
 
 if TYPE_CHECKING:
     from firmware_model.vectors import Returned
+    from firmware_model.vectors.manifest import Manifest
 
 EXAMPLES = """\
   edge-vpr golden verify vectors
@@ -58,7 +59,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> None:
     """Verify vectors, and the results of a device if they are given."""
-    from firmware_model.vectors import Returned, check_files, read_results, verify
+    from firmware_model.vectors import Returned, check_files, load_manifest, read_results, verify
     from firmware_model.vectors.verify import COMPARED
 
     folder = Path(args.vectors)
@@ -89,8 +90,25 @@ def run(args: argparse.Namespace) -> None:
             "them too, or name the only one with --case"
         )
     summary(f"{source}: {verdict.cases} of {verdict.total} cases, equal records: {compared}")
+    if verdict.cases == verdict.total:
+        _tell_what_is_not_shown(load_manifest(folder))
     if returned.too_large:
         note(_too_large(returned))
+
+
+def _tell_what_is_not_shown(manifest: Manifest) -> None:
+    """Say how much of each suite these vectors have: a device may be equal, and wrong elsewhere."""
+    from edge_vpr_tools.golden_vectors import aimed_corners
+
+    for suite in manifest.suites:
+        aimed = aimed_corners(suite, manifest.design)
+        if not all(aimed.values()):
+            shown = sum(map(bool, aimed.values()))
+            note(
+                f"{suite.name} shows {shown} of its {len(aimed)} facts, and no fault in the others"
+            )
+    if not any(suite.name == "own" for suite in manifest.suites):
+        note("these vectors lack the suite own, without which many faults are not found")
 
 
 def _too_large(returned: Returned) -> str:
