@@ -551,17 +551,8 @@ def test_the_command_makes_and_verifies_vectors(tmp_path, run, refused):
     results.write_bytes(to_binary(records))
     out, said = run(*verified)
     assert "equal records" in out and "facts" not in said and "lack" not in said
-    run(
-        *made[:3],
-        "--suite",
-        "own",
-        "--suite",
-        "corners",
-        "--vectors",
-        "200KB",
-        "-o",
-        tmp_path / "few",
-    )
+    few = ["--suite", "own", "--suite", "corners", "--vectors", "200KB", "-o", tmp_path / "few"]
+    run(*made[:3], *few)
     (tmp_path / "few.bin").write_bytes(to_binary(correct_results(tmp_path / "few")))
     said = run("golden", "verify", tmp_path / "few", "--results", tmp_path / "few.bin").err
     assert re.search(r"own shows \d+ of its \d+ facts, and no fault in the others", said)

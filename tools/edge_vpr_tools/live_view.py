@@ -293,7 +293,7 @@ class View:
             dead = f"the link was lost for {status.dead_s:,.1f} s"
             faults = dead if faults == "no faults" else f"{faults}; {dead}"
         if status.no_odometry:
-            text += f"\n{_NO_ODOMETRY}: matched without it"
+            text += f"\n{_NO_ODOMETRY}" + ": matched without it" * bool(self._places)
         self._print(f"{text}\nhealth: {faults}\nlosses: {health.describe_losses()}")
 
     def _health(self, status: LiveStatus) -> dict[str, Any]:

@@ -62,17 +62,17 @@ def run(args: argparse.Namespace) -> None:
     output.absolute().parent.mkdir(parents=True, exist_ok=True)
     results.check_output_folder(output, args.overwrite)
     first, second = simulate_pair()  # `replay` drives them once more
-    # side by side: most of the time is in kernels; takes nothing from a drive that is interrupted
+    # side by side, since most of the time is in kernels; an interrupt ends both
     stopped = threading.Event()
     with ThreadPoolExecutor(1) as beside:
         kept = beside.submit(first.keep, partial(takewhile, lambda _: not stopped.is_set()))
         label = "simulating two drives: other speed, other light, other traffic"
         try:
             second.keep(partial(with_progress, label=label))
+            kept.result()
         except BaseException:
             stopped.set()
             raise
-        kept.result()
     rows, judged_results = [], []
     with status("mapping and matching") as show:
         for name, (preset, changes) in _METHODS.items():
