@@ -132,8 +132,8 @@ def check_vectors_folder(path: Path, overwrite: bool) -> None:
         )
 
 
-def aimed_corners(suite: SuiteEntry, design: Design) -> dict[str, int]:
-    """Return how often a suite reaches each corner that it is made for and its design can have."""
+def aimed_facts(suite: SuiteEntry, design: Design) -> dict[str, int]:
+    """Return how often a suite shows each fact that it is made for and its design can have."""
     of_design = {"filter": facts_for, "own": own_facts}.get(suite.name)
     aimed = AIMED.get(suite.name, ()) if of_design is None else of_design(design)
-    return {corner: suite.coverage[corner] for corner in suite.coverage if corner in aimed}
+    return {fact: suite.coverage[fact] for fact in suite.coverage if fact in aimed}

@@ -87,7 +87,7 @@ def _write_image(args: argparse.Namespace, suffix: str) -> None:
     summary(
         f"{args.output}: {design.places:,} places, {len(flash):,} bytes of flash{where}; "
         f"{ram + STRUCT_BYTES:,} bytes of RAM: {ram:,} for vpr_reset, {STRUCT_BYTES} for "
-        "vpr_design_t and vpr_state_t"
+        "vpr_design_t and vpr_state_t, beside the stack"
     )
 
 

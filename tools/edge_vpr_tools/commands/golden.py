@@ -42,8 +42,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )  # fmt: skip
     vectors.add_argument(
         "--vectors", metavar="SIZE", default="all",
-        help="size of the folder, about, such as 20MB: golden leaves out cases, but reaches as "
-        "many corners as possible",
+        help="size of the folder, about, such as 20MB: golden leaves out cases, but shows as "
+        "many facts as possible",
     )  # fmt: skip
     vectors.add_argument(
         "--suite",
@@ -67,7 +67,7 @@ def run(args: argparse.Namespace) -> None:
     from edge_vpr.reference_map import ReferenceMap
     from edge_vpr_tools.estimate.of_map import design_of
     from edge_vpr_tools.golden_vectors import (
-        aimed_corners,
+        aimed_facts,
         check_vectors_folder,
         recorded_case,
         vectors_size,
@@ -134,17 +134,17 @@ def run(args: argparse.Namespace) -> None:
                 "map"
             )
     for suite in manifest.suites:
-        missed = [corner for corner, number in aimed_corners(suite, design).items() if number == 0]
+        missed = [fact for fact, number in aimed_facts(suite, design).items() if number == 0]
         if missed:
             cases = "case that is left" if left_out else "case of this design"
-            note(f"{suite.name}: no {cases} reaches these corners: {', '.join(missed)}")
+            note(f"{suite.name}: no {cases} shows these facts: {', '.join(missed)}")
     for suite in manifest.suites:
         events, windows, matches = (
             sum(getattr(case, what) for case in suite.cases)
             for what in ("events", "windows", "matches")
         )
-        aimed = aimed_corners(suite, design)
-        reached = f", {sum(map(bool, aimed.values()))} of its {len(aimed)} corners" if aimed else ""
+        aimed = aimed_facts(suite, design)
+        reached = f", {sum(map(bool, aimed.values()))} of its {len(aimed)} facts" if aimed else ""
         of = f"{len(suite.cases)} of " if left_out.get(suite.name) else ""
         every = len(made.get(suite.name, suite.cases))
         held = ((every, "case"), (events, "event"), (windows, "window"))

@@ -77,11 +77,11 @@ def run(args: argparse.Namespace) -> None:
     verdict = verify(folder, returned.records, case=args.case, kinds=kinds)
     compared = ", ".join(f"{number} of {kind}" for kind, number in verdict.compared.items())
     if verdict.differences:
-        for difference in verdict.differences:
+        for difference in verdict.differences[1:]:
             summary(difference)
         raise EdgeVprError(
             f"{source}: {len(verdict.differences)} of {verdict.cases} cases differ from the "
-            f"vectors in {folder}, first in {verdict.differences[0]}"
+            f"vectors in {folder}, first {verdict.differences[0]}"
         )
     if verdict.missing and args.case is None and args.port is None:
         raise EdgeVprError(
@@ -98,10 +98,10 @@ def run(args: argparse.Namespace) -> None:
 
 def _tell_what_is_not_shown(manifest: Manifest) -> None:
     """Say how much of each suite these vectors have: a device may be equal, and wrong elsewhere."""
-    from edge_vpr_tools.golden_vectors import aimed_corners
+    from edge_vpr_tools.golden_vectors import aimed_facts
 
     for suite in manifest.suites:
-        aimed = aimed_corners(suite, manifest.design)
+        aimed = aimed_facts(suite, manifest.design)
         if not all(aimed.values()):
             shown = sum(map(bool, aimed.values()))
             note(

@@ -24,7 +24,7 @@ from edge_vpr_tools.estimate.model import (
 from edge_vpr_tools.estimate.targets import Target
 from firmware_model.design import Design
 from firmware_model.errors import DesignError
-from firmware_model.image import check_limits
+from firmware_model.image import STRUCT_BYTES, check_limits
 
 # Limits of memory and of a target, and a design that is held against them.
 
@@ -56,7 +56,7 @@ class DeviceMemory(NamedTuple):
     """Memory that a design takes on a target."""
 
     flash_bytes: int  #: Image and program of the reference firmware; 0 on an FPGA.
-    #: Arrays and stack of the firmware, without its structures; on an FPGA all memories, packed.
+    #: Arrays, structures and stack of the firmware; on an FPGA all memories, packed.
     ram_bytes: int
     program_bytes: int  #: Of the flash, functions and constants of the firmware.
 
@@ -83,7 +83,8 @@ def memory_on(design: Design, target: Target) -> DeviceMemory:
     if target.kind != "processor":
         return DeviceMemory(0, size.packed_bytes, 0)
     code, stack = firmware()[target.core].code_bytes, firmware()[target.core].stack_bytes
-    return DeviceMemory(size.image_bytes + code, size.state_bytes + stack, code)
+    ram = size.state_bytes + STRUCT_BYTES + stack
+    return DeviceMemory(size.image_bytes + code, ram, code)
 
 
 def on_target(
