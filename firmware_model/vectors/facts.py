@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Callable, Container, Iterator, Sequence
 from contextlib import contextmanager
+from functools import partial
 from itertools import chain
 from typing import Any, NamedTuple
 
@@ -107,6 +108,15 @@ BITS = {
     },
     **{f"mean_bit_{n}": f"a match that would be another were bit {n} of the mean activity 0"
        for n in range(31)},
+    **{f"distance_bit_{n}": f"a match that would be another were bit {n} of all distances 0"
+       for n in range(31)},
+    **{
+        f"{name}_bit_{n}": f"a match that would be another were bit {n} of the sum of {what} 0"
+        for name, what in (
+            ("total", "distances"), ("deviations", "the deviations from their mean"),
+        )
+        for n in range(55)
+    },
 }  # fmt: skip
 OF_MEANS = {f"mean_bit_{n}" for n in _MEAN_BITS}
 #: facts of a design with the place filter; what is counted as one occurrence of each
@@ -283,8 +293,24 @@ def bits_of(design: Design) -> set[str]:
     if design.window == "time":
         bits["late"] = range(design.timestamp_bits - 1)
     if design.filters:
+        places, farthest = design.places, far(design)
+        # the division by the number of places takes the lower ones
+        lowest = places.bit_length()
         bits["mean"] = _MEAN_BITS
+        bits["distance"] = range(farthest.bit_length())
+        bits["total"] = range(lowest, ((places - 1) * farthest).bit_length())
+        bits["deviations"] = range(lowest, max(places // 2 * farthest - places, 0).bit_length())
     return {f"{name}_bit_{n}" for name, numbers in bits.items() for n in numbers}
+
+
+def far(design: Design) -> int:
+    """Return a distance that places can have from any codes, see `apart`."""
+    return design.slots * ((design.code_max + 1) // 2)
+
+
+def apart(codes: Sequence[int], design: Design) -> list[int]:
+    """Return codes that are as far from these as any."""
+    return [0 if 2 * code > design.code_max else design.code_max for code in codes]
 
 
 def own_facts(design: Design) -> set[str]:
@@ -294,6 +320,8 @@ def own_facts(design: Design) -> set[str]:
     map, as bits of the mean and thousands of windows do.
     """
     names = OF_COUNTERS | bits_of(design) | (set(FILTER) if design.filters else OF_SEQUENCES)
+    # bits of its own widths, in place of those that are wide in other designs
+    names -= {"distance_above_8_bits", "total_above_16_bits", "deviations_above_16_bits"}
     names = names.difference(LOGARITHMS, OF_MANY_WINDOWS, {"ties_above_4095"})
     if design.gains > 1:
         names |= set(SEVERAL_GAINS)
@@ -589,6 +617,8 @@ class Facts:
             state = self._others.get(name, before)
             if state is None or name not in self._wanted:
                 continue
+            if state is before and rule.lacks and not window.holds(rule.lacks):
+                continue
             other = window.without(rule, state)
             differs = _told(other) != _told(advanced)
             self.tally[name] += differs
@@ -689,6 +719,14 @@ def replaced(name: str, other: Any) -> Iterator[None]:
         setattr(specification, name, kept)
 
 
+class _Bits(NamedTuple):
+    """Bits of the distances of a window, and of what the specification makes of them."""
+
+    distance: int = 0  #: Before the bias.
+    total: int = 0  #: Of the biased distances to all places.
+    deviations: int = 0  #: The same of their deviations from the mean.
+
+
 class _Rule(NamedTuple):
     """What another filter does otherwise, to show that it matters."""
 
@@ -702,6 +740,7 @@ class _Rule(NamedTuple):
     most_activity: int = LOG_TOP
     few_below: int = FEW_BELOW
     evidence_top: int = EVIDENCE_TOP
+    lacks: _Bits | None = None
 
 
 #: by the fact that says that their rule decides
@@ -722,7 +761,11 @@ _OTHER_FILTERS = {
     "slowness_decides": _Rule(most_shift=5),
     "first_speed_decides": _Rule(first_speed=16 << 4),
     "large_speed_decides": _Rule(most_speed=(1 << 10) - 1),
-}
+    **{
+        f"{name}_bit_{n}": _Rule(lacks=_Bits(**{name: 1 << n}))
+        for name in _Bits._fields for n in range(55) if f"{name}_bit_{n}" in BITS
+    },
+}  # fmt: skip
 
 
 class _Window:
@@ -736,6 +779,22 @@ class _Window:
     ) -> None:
         self._map, self._distances, self._before = filter_map, distances, before
         self._advanced = advanced
+        self._held: _Bits | None = None
+
+    def holds(self, bits: _Bits) -> bool:
+        """Return whether the distances of a sum that a gain looks at have one of these bits."""
+        if self._held is None:
+            self._held = _Bits()
+            for i in set() if self._advanced.seen.paused else set(self._advanced.seen.looks):
+                distances = np.array(self._distances[i])
+                biased = distances + self._map.bias
+                deviations = np.abs(biased - int(biased.sum()) // len(biased))
+                self._held = _Bits(
+                    self._held.distance | int(np.bitwise_or.reduce(distances)),
+                    self._held.total | int(biased.sum()),
+                    self._held.deviations | int(deviations.sum()),
+                )
+        return any(one & held for one, held in zip(bits, self._held, strict=True))
 
     def without(self, rule: _Rule, state: Filter) -> Advanced:
         """Advance another filter."""
@@ -749,8 +808,14 @@ class _Window:
         if rule.restarts_first:
             metrics = np.array(state.metrics)
             best = metrics.min(axis=1) - metrics.min()
-        with replaced("EVIDENCE_TOP", rule.evidence_top):
-            against = evidence(self._map, state, seen, self._distances)
+        lacks, distances = rule.lacks or _Bits(), self._distances
+        if lacks.distance:
+            distances = [[d & ~lacks.distance for d in row] for row in distances]
+        with (
+            replaced("EVIDENCE_TOP", rule.evidence_top),
+            replaced("spread_of", partial(_spread_without, lacks)),
+        ):
+            against = evidence(self._map, state, seen, distances)
         if rule.keeps_reciprocals:
             pairs = zip(against.reciprocals, state.reciprocals, strict=True)
             against = against._replace(reciprocals=[new or old for new, old in pairs])
@@ -770,6 +835,13 @@ class _Window:
         return seen._replace(
             speed=speed, looks=[which_sum(speed, gain) for gain in self._map.gains]
         )
+
+
+def _spread_without(lacks: _Bits, distances: Sequence[int]) -> int:
+    """Return what `spread_of` returns, of sums without some bits."""
+    mean = (sum(distances) & ~lacks.total) // len(distances)
+    deviations = sum(abs(d - mean) for d in distances) & ~lacks.deviations
+    return max(deviations // len(distances), 1)
 
 
 def _told(advanced: Advanced) -> tuple[int, tuple[int | None, ...], int]:

@@ -38,6 +38,7 @@ from firmware_model.vectors.facts import (
     OF_MEANS,
     OF_SEQUENCES,
     OF_THE_CLOCK,
+    apart,
     facts_for,
     own_facts,
 )
@@ -480,25 +481,31 @@ def _wide(name: str, design: Design, vary: Vary, rng: np.random.Generator, drawn
     """Draw places of any codes, with distances and sums of them above 8 and 16 bits."""
     if design.slots * 255 + 255 <= 0xFFFF:
         design = vary(design, code_bits=8)
-    far = design.slots * design.code_max
-    # sums of distances, or of deviations, above 16 bits; and one place among many
-    places = (12, min(max(12, 6 * 0x10000 // far), 400), 150)[drawn % 3]
+    most = design.slots * design.code_max
+    # sums of distances, or of deviations, above 16 bits; and one place or some among many
+    places = (12, min(max(12, 6 * 0x10000 // most), 400), 150)[drawn % 3]
     design = vary(design, places=places, window="time")
     places = design.places
     windows = (_spread(int(rng.integers(1, 60)), design, rng) for _ in range(5))
     stream = Stream.showing(design, windows)
     shown = stream.shown_codes()
-    near = list(shown[-1])
-    apart = [0 if 2 * code > design.code_max else design.code_max for code in near]
+    near, far = list(shown[-1]), apart(shown[-1], design)
+    if rng.random() < 0.5:
+        near, far = far, near
     codes = rng.choice([0, design.code_max], (design.places, design.slots)).tolist()
     if drawn % 3 == 1:
-        codes = [(near, apart)[k % 2] for k in range(places)]
+        codes = [(near, far)[k % 2] for k in range(places)]
+    if drawn % 6 == 4:  # at three distances
+        ways = [[*far[:n], *near[n:]] for n in rng.integers(design.slots + 1, size=3).tolist()]
+        codes = [ways[way] for way in rng.integers(3, size=places).tolist()]
     if drawn % 3 == 2:
         codes = [near] * places
-        codes[int(rng.integers(places))] = apart
+        others = int(places ** rng.random())
+        for place in rng.permutation(places)[:others].tolist():
+            codes[place] = far
     if drawn % 6 == 5:  # the only place outside the zone around the last one
         beside = [near[0] + (1 if near[0] < design.code_max else -1), *near[1:]]
-        codes = [apart, *[beside] * (places - 2), near]
+        codes = [far, *[beside] * (places - 2), near]
         design = vary(design, exclusion=places - 2)
     elif rng.random() < 0.5:
         codes[int(rng.integers(places))] = near
@@ -701,10 +708,13 @@ def _clear(name: str, design: Design, vary: Vary, rng: np.random.Generator, draw
     design = _long_enough(design, counts, vary)
     stream = Stream.showing(design, counts)
     codes = _any_codes(design, rng)
-    for place, shown in zip(range(0, design.places, apart), stream.shown_codes(), strict=False):
-        codes[place] = list(shown)
+    first = int(rng.choice([0, max(design.places - windows * apart, 0)]))  # or up to the last one
+    ways = range(first, design.places, apart)
+    for place, shown in zip(ways, stream.shown_codes(), strict=False):
+        codes[place : place + apart] = [list(shown)] * apart
     activity = max(sum(map(sum, counts)) // windows, 1)
-    return stream.case(name, codes, activity=activity << ACTIVITY_FRACTION_BITS)
+    activity <<= ACTIVITY_FRACTION_BITS
+    return stream.case(name, codes[: design.places], activity=activity)
 
 
 def _far(name: str, design: Design, vary: Vary, rng: np.random.Generator, drawn: int) -> Case:
@@ -937,7 +947,7 @@ _AIMED: dict[str, set[str]] = {
     "pauses": {"silence_of_nothing", "silence_decides", "decay_decides"},
     "large_means": OF_MEANS,
     "halves": {"mean_of_a_half"},
-    "clear": {"trust_above_255"},
+    "clear": {"trust_above_255", "middle_at_the_last"},
     "far": {"nearest_above_7_bits"},
     "full": OF_COUNTERS,
     "times": OF_THE_CLOCK | {name for name in BITS if name.startswith(("column", "row", "late"))},

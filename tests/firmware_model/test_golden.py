@@ -38,6 +38,7 @@ from firmware_model.vectors import (
     corner_cases,
     coverage,
     estimated_bytes,
+    facts,
     filter_suite,
     formats,
     from_binary,
@@ -227,6 +228,31 @@ def test_cases_made_for_rare_facts_show_them_in_a_map_of_default_settings(seed, 
     monkeypatch.setattr(filter_suite, "own_facts", lambda _: left)
     assert 0 < len(filter_suite.own_cases(design, seed)) <= 7
     assert not left
+
+
+@pytest.mark.parametrize("gains", [1, 7])
+def test_a_device_whose_sums_lack_a_bit_fails_cases_of_its_own_design(gains, monkeypatch):
+    """A sum of the distances to many places is wider than any that other designs have."""
+    design = replace(FILTER, pixels=24, places=100, gains=gains, exclusion=3, lookup_depth=0)
+    bits = {name for name in bits_of(design) if name.startswith(("total", "deviations"))}
+    assert {"total_bit_13", "deviations_bit_12"} <= bits
+    left = set(bits)
+    monkeypatch.setattr(filter_suite, "own_facts", lambda _: left)
+    cases = filter_suite.own_cases(design, 0)
+    assert not left
+    expected = [case.trace().matches for case in cases]
+    for name in sorted(bits):
+        kind, bit = name.split("_bit_")
+        mask = ~(1 << int(bit))
+        total, deviations = (mask, -1) if kind == "total" else (-1, mask)
+
+        def spread_of(distances, total=total, deviations=deviations):
+            mean = (sum(distances) & total) // len(distances)
+            around = sum(abs(d - mean) for d in distances) & deviations
+            return max(around // len(distances), 1)
+
+        with facts.replaced("spread_of", spread_of):
+            assert [case.trace().matches for case in cases] != expected, name
 
 
 def test_to_restart_in_a_pause_is_a_fact_where_to_stay_costs_more():
