@@ -233,6 +233,8 @@ SEVERAL_GAINS = {
     "slowness_decides": "a match that would be another had the mean speed moved by 1/32 at least",
     "first_speed_decides": "a match that would be another began the mean speed at one octave",
     "large_speed_decides": "a match that would be another had the mean speed 10 bits and a sign",
+    "largest_speed_decides": "a match that would be another had the mean speed 11 bits and a sign",
+    "lowest_speed_decides": "a match that would be another had the mean speed -1,024 at least",
     "low_gains_decide": "a match that would be another had no low gain become the next lower one",
     **{f"speed_shift_{n}": f"a mean speed that moves by 1/{1 << n}" for n in range(7)},
     "speed_saturated": "a mean speed that moves after 63 windows",
@@ -327,7 +329,7 @@ def own_facts(design: Design) -> set[str]:
         names |= set(SEVERAL_GAINS)
     small = design.places * design.slots <= 1 << 13
     if not small:
-        names -= OF_MEANS | {"quiet_place"}
+        names -= OF_MEANS | {"quiet_place", "lowest_speed_decides"}
     half = design.places_per_window == 2
     names -= {f"{'' if half else 'half_'}costs_{n}" for n in _ROWS}
     names -= {"whole_place_told"} if half else set(_OF_THE_MIDDLE)
@@ -736,6 +738,7 @@ class _Rule(NamedTuple):
     keeps_reciprocals: bool = False
     most_shift: int = 6  #: Of the mean speed.
     first_speed: int = 0
+    least_speed: int = -LOG_TOP << 4
     most_speed: int = LOG_TOP << 4
     most_activity: int = LOG_TOP
     few_below: int = FEW_BELOW
@@ -761,6 +764,8 @@ _OTHER_FILTERS = {
     "slowness_decides": _Rule(most_shift=5),
     "first_speed_decides": _Rule(first_speed=16 << 4),
     "large_speed_decides": _Rule(most_speed=(1 << 10) - 1),
+    "largest_speed_decides": _Rule(most_speed=(1 << 11) - 1),
+    "lowest_speed_decides": _Rule(least_speed=-(1 << 10)),
     **{
         f"{name}_bit_{n}": _Rule(lacks=_Bits(**{name: 1 << n}))
         for name in _Bits._fields for n in range(55) if f"{name}_bit_{n}" in BITS
@@ -831,7 +836,8 @@ class _Window:
         if seen.few or len(self._map.gains) == 1:
             return seen
         shift = min((1 + state.moved).bit_length() - 1, rule.most_shift)
-        speed = min(state.speed + ((16 * activity - state.speed) >> shift), rule.most_speed)
+        speed = state.speed + ((16 * activity - state.speed) >> shift)
+        speed = min(max(speed, rule.least_speed), rule.most_speed)
         return seen._replace(
             speed=speed, looks=[which_sum(speed, gain) for gain in self._map.gains]
         )

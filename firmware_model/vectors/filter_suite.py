@@ -600,7 +600,10 @@ def _long(name: str, design: Design, vary: Vary, rng: np.random.Generator, drawn
 
 
 def _quiet(name: str, design: Design, vary: Vary, rng: np.random.Generator, drawn: int) -> Case:
-    """Draw windows of ever fewer events, none a pause, until quiet places have few."""
+    """Draw windows of ever fewer events, none a pause, until quiet places have few.
+
+    Then more of them bring the mean speed up again.
+    """
     design = vary(design, places=3, window="time")
     activity = mean = 1000 << ACTIVITY_FRACTION_BITS
     stream = Stream(design)
@@ -608,6 +611,8 @@ def _quiet(name: str, design: Design, vary: Vary, rng: np.random.Generator, draw
         number = (mean >> ACTIVITY_FRACTION_BITS + PAUSE_SHIFT) + 1
         mean = mean_activity_after(mean, number)
         stream.fill(_spread(number, design, rng))
+    for _ in range(40):
+        stream.fill(_spread(500, design, rng))
     stream.close()
     codes = _any_codes(design, rng)
     activities = rng.integers(-80, -72, design.places).tolist()
@@ -856,9 +861,11 @@ def _speeds(name: str, design: Design, vary: Vary, rng: np.random.Generator, dra
     design = _roomy(design, vary)
     pixels, busy = rng.permutation(design.slots).tolist(), int(rng.integers(4, 9))
     groups, log = cycle((pixels[:busy], pixels[busy : 2 * busy])), ilog(17)
-    surpluses = [-41, -15, 90, *[-12] * 3, *[0] * 60, *[40] * 6]
+    surpluses = [-41, -15, 140, *[-12] * 3, *[0] * 60, *[40] * 6]
     numbers = (_with_log(log + surplus) for surplus in surpluses)
-    windows = (_evenly(number, next(groups), design) for number in numbers)
+    windows = (
+        _evenly(number, pixels if number > 1000 else next(groups), design) for number in numbers
+    )
     stream = Stream.showing(design, windows)
     activity = 17 << ACTIVITY_FRACTION_BITS
     seen = _codes_of_sums(stream, activity)
@@ -931,7 +938,9 @@ _AIMED: dict[str, set[str]] = {
         "few_at_threshold", "enough_at_threshold", "evidence_limit_decides",
         "large_evidence_decides",
     },
-    "speeds": {"first_speed_decides", "large_speed_decides", "slowness_decides"},
+    "speeds": {
+        "first_speed_decides", "large_speed_decides", "largest_speed_decides", "slowness_decides",
+    },
     "bursts": {"large_activity_decides", "events_decide"},
     "logarithm": set(LOGARITHMS),
     "sums": {
@@ -951,7 +960,7 @@ _AIMED: dict[str, set[str]] = {
     "far": {"nearest_above_7_bits"},
     "full": OF_COUNTERS,
     "times": OF_THE_CLOCK | {name for name in BITS if name.startswith(("column", "row", "late"))},
-    "quiet": {"quiet_place"},
+    "quiet": {"quiet_place", "lowest_speed_decides"},
     "numbered": {"window_above_4095"},
     "half": {"half_a_period_late"},
     "runs": OF_SEQUENCES | {name for name in BITS if name.startswith(("sum", "left"))},
