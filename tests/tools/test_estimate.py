@@ -272,11 +272,11 @@ def test_one_table_has_matches_per_joule_by_the_rate_of_events(run):
         assert values[0] > 1.5 * values[1] > 7 * values[2]
         cells = [cell.replace(",", "").replace("k", "e3") for cell in rows[name][4:]]
         values.insert(0, 1e6 * told["per_match_j"]["central"])
-        if name == "ice40up5k":  # at 12 MHz / 6 bits a second on its SPI line, 64 of an event
-            assert told["spi_events_per_s"] == 31_250
+        if name == "ice40up5k":  # at 48 MHz / 6 bits a second on its SPI line, 64 of an event
+            assert told["spi_events_per_s"] == 125_000
             assert told["limited_by"] == "33 of 30 block memories, 5 of 4 large ones"
-            assert cells[2:] == ["slow"] * 2
-            del cells[2:], values[2:]
+            assert cells[3:] == ["slow"]
+            del cells[3:], values[3:]
         assert [float(cell) for cell in cells] == pytest.approx(values, rel=6e-3)
     text = joined(shown)
     assert "the work alone, without the camera and the board at rest" in text
@@ -358,8 +358,8 @@ def test_power_is_the_energy_of_the_rates():
     assert costs.matches_per_joule.central == pytest.approx(1 / costs.per_match_j.central)
     assert costs.matches_per_joule.low == pytest.approx(1 / costs.per_match_j.high)
     assert costs.whole_w.central == pytest.approx(by_hand + costs.idle_w.central)
-    # 46.6 uA/MHz at 1.219 V and 12 MHz in the cycles that the work leaves
-    clock_w = 46.6e-6 * 12 * 1.219 * (1 - costs.load.central)
+    # 46.6 uA/MHz at 1.219 V and 48 MHz in the cycles that the work leaves
+    clock_w = 46.6e-6 * 48 * 1.219 * (1 - costs.load.central)
     assert costs.idle_w.central == pytest.approx(104e-6 + clock_w, rel=1e-3)
     zero = cost(SMALL, targets.find("pi-zero-2w"), RATE)
     assert zero.idle_w == targets.constants()["pi-zero-2w-idle"].value
@@ -373,11 +373,11 @@ def test_a_load_that_may_not_keep_up_does_not_fit():
     device = on_target(SMALL, between, m0)
     assert device.cost.load.low < 1 < device.cost.load.high
     assert device.limited_by.startswith("its speed: busy 0.")
-    slow = replace(RATE, events_per_s=20_833)
+    slow = replace(RATE, events_per_s=83_333)
     long = replace(SMALL, timestamp_bits=40)
     assert on_target(long, slow, ice).limited_by == ""
-    slow = replace(RATE, events_per_s=20_834)
-    assert on_target(long, slow, ice).limited_by == "its SPI line: 20,833 events/s"
+    slow = replace(RATE, events_per_s=83_334)
+    assert on_target(long, slow, ice).limited_by == "its SPI line: 83,333 events/s"
     assert on_target(SMALL, slow, ice).limited_by == ""
 
 

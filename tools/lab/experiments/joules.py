@@ -13,7 +13,7 @@ from itertools import product
 from typing import NamedTuple
 
 from edge_vpr_tools.estimate.fitting import on_target
-from edge_vpr_tools.estimate.model import Mission, sizes
+from edge_vpr_tools.estimate.model import Mission
 from edge_vpr_tools.estimate.targets import find, names
 
 from firmware_model.design import Design
@@ -76,7 +76,7 @@ def measure(draw: Draw) -> Iterator[Row]:
                 "low": per_joule.low, "high": per_joule.high,
                 "time (ms)": 1e3 * of.cost.load.central / mission.matches_per_s,
                 "memory (KiB)": of.memory.total / 1024,
-                "of it RAM (KiB)": sizes(design).state_bytes / 1024
+                "of it RAM (KiB)": of.memory.ram_bytes / 1024
                 if target.kind == "processor" else None,
                 "source": "edge-vpr estimate --sources",
             }  # fmt: skip
