@@ -25,7 +25,7 @@ tools:
 	    echo "make tools: $$tool is not installed: tests that need it are skipped"; done
 
 # what has compiled kernels runs a second time in plain Python
-KERNELS := cleaning counters distances filter_run informative_pixels localiser matches own_mean pipeline \
+KERNELS := cleaning counters distances filter_run localiser matches own_mean pipeline \
            place_filter simulate_pixels stream_protocols windows
 
 PLAIN := NUMBA_DISABLE_JIT=1 $(BIN)/python -m pytest -q -n auto $(wildcard $(KERNELS:%=tests/*/test_%.py))

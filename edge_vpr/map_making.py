@@ -31,11 +31,8 @@ from edge_vpr.descriptors.counting import (
 from edge_vpr.descriptors.pixels import (
     PixelMap,
     PixelStatistics,
-    informative_pixels,
     load_pixel_map,
     select_pixels,
-    shortlist,
-    too_few_pixels,
 )
 from edge_vpr.descriptors.published import WindowSource, check_counted, check_windows_only
 from edge_vpr.descriptors.windows import Descriptors, FixedTime, overlapping
@@ -333,7 +330,7 @@ def _choose_pixels(
     counted: npt.NDArray[np.bool_],
 ) -> PixelMap:
     """Choose the pixels of a map by the strategy of its settings."""
-    if first.windows == 1 and settings.strategy in ("variance", "top", "information"):
+    if first.windows == 1 and settings.strategy in ("variance", "top"):
         raise UsageError(
             f"the drive holds one window of {FixedTime(settings.tau_us)}, and pixels can be "
             "selected only from two windows or more: take shorter windows (tau=), or a "
@@ -342,20 +339,13 @@ def _choose_pixels(
     if not counted.all() and np.count_nonzero(counted) <= settings.pixels:
         y, x = np.nonzero(counted)  # somebody else has selected them
         return PixelMap(recording.sensor, x.astype(np.uint16), y.astype(np.uint16))
-    excluded = hot | ~counted
-    if settings.strategy == "information":
-        listed = shortlist(saliency, excluded)
-        if len(listed) < settings.pixels:
-            varying = int(np.count_nonzero(saliency[hot]))
-            raise too_few_pixels(len(listed), varying, settings.pixels, recording.sensor)
-        return _most_informative(first, recording, settings, listed)
     return select_pixels(
         saliency,
         settings.pixels,
         strategy=settings.strategy,
         sigma=settings.sigma,
         rng=np.random.default_rng(settings.seed),
-        exclude=excluded,
+        exclude=hot | ~counted,
     )
 
 
@@ -367,19 +357,6 @@ def check_matchable(reference: ReferenceMap) -> None:
             f"a sequence of {length} windows does not fit the {places} places of this drive: take "
             "a shorter sequence (sequence_length=), shorter windows (tau=), or a longer drive"
         )
-
-
-def _most_informative(
-    first: PixelStatistics,
-    recording: EventSource | WindowSource,
-    settings: Settings,
-    listed: PixelMap,
-) -> PixelMap:
-    windows = first.descriptors(listed)
-    if windows is None:  # too large for a temporary file: events are counted again
-        by_time = settings.uncoded.replaced({"window": "time"}, "the shortlist")
-        windows = count_windows(recording, listed, by_time)
-    return informative_pixels(listed, windows.counts, settings.pixels)
 
 
 def coded_map(counted: ReferenceMap, settings: Settings) -> ReferenceMap:

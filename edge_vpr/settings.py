@@ -37,7 +37,7 @@ if TYPE_CHECKING:
 # Types of the settings that are chosen from a few words.
 
 
-Strategy = Literal["variance", "seed-code", "random", "random-upper", "top", "information"]
+Strategy = Literal["variance", "seed-code", "random", "random-upper", "top"]
 STRATEGIES: tuple[str, ...] = get_args(Strategy)
 #: A name that type checkers cannot know: of a part of another package, or with options
 #: (``PartName("edvs:format=E3")``). Python itself takes the text alone.
@@ -317,8 +317,7 @@ class Settings:
         "how pixels are selected",
         more="variance: drawn by the variance of their counts (the paper). seed-code: by their "
         "mean (the released code). random: all equally likely. random-upper: the same, in the "
-        "upper two thirds of the image. top: the highest variances. information: one by one, each "
-        "the pixel that adds most about the place.",
+        "upper two thirds of the image. top: the highest variances.",
     )
     sigma: float = _setting(
         7.0,

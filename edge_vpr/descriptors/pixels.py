@@ -1,4 +1,4 @@
-"""Selection of a few pixels: by the variance of their counts, or by their information."""
+"""Selection of a few pixels by their saliency, such as the variance of their counts."""
 
 from __future__ import annotations
 
@@ -13,7 +13,6 @@ import numpy as np
 import numpy.typing as npt
 
 from edge_vpr.archive import EqualByValue
-from edge_vpr.compiling import kernel
 from edge_vpr.descriptors.cleaning import load_pixels
 from edge_vpr.descriptors.windows import (
     Descriptors,
@@ -25,13 +24,9 @@ from edge_vpr.descriptors.windows import (
 from edge_vpr.errors import UsageError, expect, kind_of
 from edge_vpr.events import Sensor
 from edge_vpr.settings import STRATEGIES
-from fixedpoint.own_mean import LEVEL_FRACTION_BITS, ContrastCode
 
 # Selection of a few pixels by their saliency.
 
-
-#: strategies that need only the saliency of each pixel; "information" uses all windows
-BY_SALIENCY = tuple(name for name in STRATEGIES if name != "information")
 
 #: smallest distance of two pixels in the released code (Euclidean, in pixels)
 REJECTION_RADIUS = 7
@@ -134,7 +129,6 @@ def select_pixels(
     pixels : int
         J, the number of pixels to choose.
     strategy : {"variance", "seed-code", "random", "random-upper", "top"}
-        For "information", see `informative_pixels`.
     sigma : float
         Standard deviation of the suppressed surround, in pixels; 0 suppresses the pixel alone. The
         paper states no value; 7 is the radius of its released code.
@@ -176,17 +170,14 @@ def select_pixels(
         if strategy == "random-upper":
             weights[height - height // 3 :] = 0.0
     elif strategy not in ("variance", "top"):
-        raise UsageError(
-            f"strategy {strategy!r} does not select by saliency: choose from "
-            f"{', '.join(BY_SALIENCY)}"
-        )
+        raise UsageError(f"strategy {strategy!r} is unknown: choose from {', '.join(STRATEGIES)}")
     if exclude is not None:
         weights[exclude] = 0.0
 
     drawable = int(np.count_nonzero(weights))
     if drawable < pixels:
         excluded = 0 if exclude is None else int(np.count_nonzero(np.asarray(saliency)[exclude]))
-        raise too_few_pixels(drawable, excluded, pixels, sensor)
+        raise _too_few_pixels(drawable, excluded, pixels, sensor)
     if strategy == "top":
         flat = np.argsort(-weights, axis=None, kind="stable")[:pixels]
     elif strategy == "seed-code":
@@ -197,7 +188,7 @@ def select_pixels(
     return PixelMap(sensor, x.astype(np.uint16), y.astype(np.uint16))
 
 
-def too_few_pixels(drawable: int, excluded: int, pixels: int, sensor: Sensor) -> UsageError:
+def _too_few_pixels(drawable: int, excluded: int, pixels: int, sensor: Sensor) -> UsageError:
     """Return the error that fewer pixels can be selected than were asked for, with the cause.
 
     Parameters
@@ -435,130 +426,3 @@ def load_pixel_map(path: str | Path, sensor: Sensor) -> PixelMap:
         raise UsageError(f"{path} names no pixel: give a line x, y for each")
     x, y = listed.T
     return PixelMap(Sensor.of(sensor), x, y)
-
-
-# Selection of pixels one after another, each by the information that it adds about the place.
-#
-# The logarithms of the counts of a pixel are taken as a signal with noise of a fixed variance. The
-# information of a set S of pixels about the place is then ``log det(I + C_S / noise) / 2`` (the
-# capacity of a Gaussian channel), with the covariance C over the windows of the reference. The
-# greedy choice always takes the pixel with the largest variance that the pixels before it do not
-# explain (a Cholesky factorisation with pivots). Its information is at least 1 - 1/e of that of
-# the best set.
-
-
-#: variance of a logarithm between drives at the same place: half an octave squared
-NOISE = 1 << (2 * LEVEL_FRACTION_BITS - 1)
-#: largest numbers of pixels and of windows that are used; if there are more, a subset is taken
-MOST_PIXELS, MOST_WINDOWS = 1 << 14, 1 << 11
-
-
-def shortlist(saliency: npt.NDArray[np.float64], exclude: npt.NDArray[np.bool_]) -> PixelMap:
-    """Choose candidates: the most salient pixel of each cell of the sensor.
-
-    Parameters
-    ----------
-    saliency : ndarray of float64, shape (height, width)
-        Not negative.
-    exclude : ndarray of bool, shape (height, width)
-        Pixels that are not chosen.
-
-    Returns
-    -------
-    PixelMap
-        At most 16,384 pixels, of cells of 1 x 1 pixels or more. Pixels of saliency 0 are left out.
-    """
-    height, width = saliency.shape
-    side = max(1, math.isqrt(height * width // MOST_PIXELS))
-    while -(-height // side) * -(-width // side) > MOST_PIXELS:
-        side += 1
-    usable = np.where(exclude, 0.0, saliency)
-    rows, columns = -(-height // side), -(-width // side)
-    padded = np.zeros((rows * side, columns * side))
-    padded[:height, :width] = usable
-    cells = padded.reshape(rows, side, columns, side).swapaxes(1, 2).reshape(rows, columns, -1)
-    within = cells.argmax(axis=2)
-    row, column = np.nonzero(cells.max(axis=2) > 0)
-    down, right = np.divmod(within[row, column], side)
-    return PixelMap(
-        Sensor(width, height),
-        (column * side + right).astype(np.uint16),
-        (row * side + down).astype(np.uint16),
-    )
-
-
-def informative_pixels(
-    pixel_map: PixelMap, counts: npt.NDArray[np.unsignedinteger], pixels: int
-) -> PixelMap:
-    """Choose J pixels from a shortlist.
-
-    Parameters
-    ----------
-    pixel_map : PixelMap
-        P pixels.
-    counts : ndarray of uint, shape (n, P)
-        Their counts in the windows of the reference.
-    pixels : int
-        J.
-
-    Returns
-    -------
-    PixelMap
-        In the order chosen; of equals, the first of the shortlist.
-    """
-    some = counts[:: -(-len(counts) // MOST_WINDOWS)]
-    levels = np.ascontiguousarray(ContrastCode().level(some).T)
-    chosen = np.empty(min(pixels, len(pixel_map)), dtype=np.int64)
-    number = len(pixel_map)
-    if number >= pixels:
-        number = _choose(levels, float(NOISE), chosen)
-    if number < pixels:
-        raise UsageError(
-            f"{number} pixels vary and {pixels} were asked for: ask for fewer pixels or map a "
-            "longer traverse"
-        )
-    return PixelMap(pixel_map.sensor, pixel_map.x[chosen], pixel_map.y[chosen])
-
-
-@kernel
-def _choose(levels: npt.NDArray[np.int32], noise: float, chosen: npt.NDArray[np.int64]) -> int:
-    """Write the chosen pixels, and return how many pixels have a variance above 0.
-
-    Sums of products are exact integers, and all other sums have a fixed order, so that the choice
-    is the same on every machine.
-    """
-    pixels, windows = levels.shape
-    totals = np.zeros(pixels, dtype=np.int64)
-    rest = np.empty(pixels, dtype=np.float64)  # variance that the chosen pixels do not explain
-    for p in range(pixels):
-        for w in range(windows):
-            totals[p] += levels[p, w]
-        rest[p] = _covariance(levels[p], levels[p], totals[p], totals[p])
-    factors = np.zeros((pixels, chosen.size), dtype=np.float64)
-    for n in range(chosen.size):
-        best = 0
-        for p in range(1, pixels):
-            if rest[p] > rest[best]:
-                best = p
-        if not rest[best] > 0:
-            return n
-        chosen[n] = best
-        scale = math.sqrt(rest[best] + noise)
-        for p in range(pixels):
-            shared = _covariance(levels[p], levels[best], totals[p], totals[best])
-            for m in range(n):
-                shared -= factors[p, m] * factors[best, m]
-            factors[p, n] = shared / scale
-            rest[p] -= factors[p, n] * factors[p, n]
-        rest[best] = -1.0
-    return chosen.size
-
-
-@kernel
-def _covariance(
-    a: npt.NDArray[np.int32], b: npt.NDArray[np.int32], total_a: int, total_b: int
-) -> float:
-    products = np.int64(0)
-    for w in range(a.size):
-        products += np.int64(a[w]) * np.int64(b[w])
-    return float(a.size * products - total_a * total_b) / float(a.size * a.size)

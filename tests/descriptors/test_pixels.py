@@ -7,9 +7,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from edge_vpr.descriptors.pixels import BY_SALIENCY, REJECTION_RADIUS, PixelMap, select_pixels
+from edge_vpr.descriptors.pixels import REJECTION_RADIUS, PixelMap, select_pixels
 from edge_vpr.errors import UsageError
 from edge_vpr.events import Sensor
+from edge_vpr.settings import STRATEGIES
 from tests import naive
 
 
@@ -44,7 +45,7 @@ def test_varying_pixels_equal_the_oracle_to_the_bit(seed, width, height, sigma, 
     assert pairs(selected) == naive.select_pixels(saliency.tolist(), pixels, sigma, draws)
 
 
-@pytest.mark.parametrize("strategy", BY_SALIENCY)
+@pytest.mark.parametrize("strategy", STRATEGIES)
 def test_a_seed_makes_each_strategy_reproducible_and_no_pixel_comes_twice(strategy):
     saliency = np.random.default_rng(1).random((40, 50))
     first, second = (
@@ -55,7 +56,7 @@ def test_a_seed_makes_each_strategy_reproducible_and_no_pixel_comes_twice(strate
     assert len(set(pairs(first))) == 20
 
 
-@pytest.mark.parametrize("strategy", BY_SALIENCY)
+@pytest.mark.parametrize("strategy", STRATEGIES)
 def test_excluded_pixels_are_never_chosen(strategy):
     saliency = np.ones((30, 30))
     exclude = np.ones((30, 30), dtype=bool)

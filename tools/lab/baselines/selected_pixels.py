@@ -5,13 +5,7 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from edge_vpr.descriptors.pixels import (
-    PixelMap,
-    PixelStatistics,
-    informative_pixels,
-    select_pixels,
-    shortlist,
-)
+from edge_vpr.descriptors.pixels import PixelMap, PixelStatistics, select_pixels
 from edge_vpr.descriptors.published import WindowSource
 from edge_vpr.descriptors.windows import WindowCounts, narrow
 from edge_vpr.errors import UsageError
@@ -21,6 +15,7 @@ from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.settings import PRESETS, Settings
 from lab.baselines.baseline import Described, Images, VectorBaseline
 from lab.baselines.dense import AbsoluteDifferences
+from lab.informative_pixels import informative_pixels, shortlist
 
 # The paper's method and its released code, with the interface of the baselines.
 
@@ -32,10 +27,12 @@ class SelectedPixels(AbsoluteDifferences):
     ----------
     settings : Settings
         `pixels`, `strategy`, `sigma` and `seed` are used, and the count at which counters saturate.
+    by_information : bool
+        Choose by `informative_pixels`, and not by the strategy.
     """
 
-    def __init__(self, title: str, settings: Settings) -> None:
-        self.title = title
+    def __init__(self, title: str, settings: Settings, *, by_information: bool = False) -> None:
+        self.title, self._by_information = title, by_information
         self._settings = settings
         self._pixels: PixelMap | None = None
 
@@ -48,8 +45,8 @@ class SelectedPixels(AbsoluteDifferences):
                 counts = image.astype(np.int64).ravel()
                 first.add(WindowCounts(counts, 0, 1, int(counts.sum())))
             saliency = first.mean() if chosen.strategy == "seed-code" else first.variance()
-        if chosen.strategy == "information":
-            listed = shortlist(saliency, np.zeros(saliency.shape, dtype=np.bool_))
+        if self._by_information:
+            listed = shortlist(saliency)
             counts = narrow(reference[:, listed.y, listed.x])
             self._pixels = informative_pixels(listed, counts, chosen.pixels)
             return

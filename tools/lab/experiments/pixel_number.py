@@ -16,8 +16,9 @@ from lab.pairs import CountedPair
 from lab.plots import lines
 
 NUMBERS = (5, 10, 25, 50, 83, 150, 300)
-#: strategies with the suppression of the default number of pixels
-STRATEGIES = ("variance", "seed-code", "information", "random", "random-upper")
+#: strategies with the suppression of the default number of pixels, and one of the laboratory alone
+INFORMATION = "information"
+STRATEGIES = ("variance", "seed-code", INFORMATION, "random", "random-upper")
 ALL = "all pixels"
 #: ways to match the pixels: sequences of counts, as in the paper, or the default for a robot
 PAPER, ROBOT = "sequences of counts (the paper)", "place filter, running mean (robot)"
@@ -34,8 +35,12 @@ def measure(draw: Draw) -> Iterator[Row]:
 
     for name in STRATEGIES:
         for number in NUMBERS:
-            changes = {"pixels": number, "seed": draw.seed, "strategy": name}
-            pixels = SelectedPixels(name, pair.settings.replaced(changes, name))
+            changes: dict[str, object] = {"pixels": number, "seed": draw.seed}
+            if name != INFORMATION:
+                changes["strategy"] = name
+            pixels = SelectedPixels(
+                name, pair.settings.replaced(changes, name), by_information=name == INFORMATION
+            )
             try:
                 correct = by_sequences(pixels)
             except UsageError:  # these pixels do not fit the sensor
