@@ -382,10 +382,7 @@ def _mono(words: npt.NDArray[np.uint64], base_ns: int) -> Columns:
 # Bags of ROS 1 and ROS 2, read message by message with rosbags.
 
 
-#: rosbags' names of the storage formats of ROS 2 bags, by suffix.
-_STORAGES = {".mcap": "mcap", ".db3": "sqlite3"}
 _LISTING = "metadata.yaml"
-_LONGEST_METADATA = 1 << 22
 
 
 class _BoundedFile(io.BufferedReader):
@@ -412,7 +409,7 @@ class _BoundedPath(type(Path())):  # type: ignore[misc]  # of the platform's own
 
 
 class Bag:
-    """ROS 1 or ROS 2 bag.
+    """ROS 1 bag, or folder or single file of a ROS 2 bag.
 
     Parameters
     ----------
@@ -422,18 +419,22 @@ class Bag:
     Raises
     ------
     RecordingError
-        If its files cannot be found.
+        If a folder does not list its files.
     """
 
     def __init__(self, path: Path, ros: int) -> None:
         self.path, self.ros = path, ros
         self._rosbags = import_extra(f"rosbags.rosbag{ros}", "a ROS bag", "rosbags", "ros")
-        self._place = _place(path) if ros == 2 else path
+        if path.is_dir() and not (path / _LISTING).exists():
+            raise RecordingError(
+                f"{path} has no {_LISTING}: make it with ros2 bag reindex, or name one file of the "
+                "bag"
+            )
 
     @contextmanager
     def open(self) -> Iterator[Any]:
         """Open the bag with rosbags."""
-        with self._rosbags.Reader(_BoundedPath(self._place)) as reader:
+        with self._rosbags.Reader(_BoundedPath(self.path)) as reader:
             yield reader
 
     def messages(self, reader: Any, topic: str) -> Iterator[bytes]:
@@ -451,63 +452,14 @@ class Bag:
             raise
         except Exception as error:
             remedy = "rosbag reindex" if self.ros == 1 else "ros2 bag reindex"
-            if self.mcaps:
-                remedy = f"mcap recover {self.mcaps[0].name} -o NEW.mcap"
+            if self.path.suffix == ".mcap":
+                remedy = f"mcap recover {self.path.name} -o NEW.mcap"
+            elif self.path.is_dir():
+                remedy += ", or name one file of the bag"
             raise RecordingError(
                 f"{self.path} is cut off, damaged or no ROS {self.ros} bag "
                 f"({' '.join(str(error).split())}): try {remedy}, or copy it again"
             ) from error
-
-    @property
-    def mcaps(self) -> list[Path]:
-        """Files of the bag in MCAP."""
-        if self._place.is_dir():
-            return sorted(self._place.glob("*.mcap"))
-        return [self._place] if self._place.suffix == ".mcap" else []
-
-
-def _place(path: Path) -> Path:
-    """Return the path that rosbags opens: the folder of a bag, or a single file of it.
-
-    A file is opened with the others of its bag if ``metadata.yaml`` lists it. If this is absent or
-    cannot be used, the file is opened on its own; of a folder, it must be the only one.
-    """
-    folder = path if path.is_dir() else path.parent
-    listing = folder / _LISTING
-    if not path.is_dir() and not listing.exists():
-        return path
-    fault = _metadata_fault(listing) if listing.exists() else "is missing"
-    if not fault:
-        return folder
-    if not path.is_dir():
-        return path
-    files = [file for file in sorted(folder.iterdir()) if file.suffix in _STORAGES]
-    if len(files) == 1:
-        return files[0]
-    raise RecordingError(
-        f"{listing} {fault}: make it again with ros2 bag reindex, or name one file of the bag"
-    )
-
-
-def _metadata_fault(listing: Path) -> str:
-    """Return why rosbags cannot use a ``metadata.yaml``; "" if it can."""
-    if listing.stat().st_size > _LONGEST_METADATA:
-        return f"is larger than {_LONGEST_METADATA:,} bytes"
-    from ruamel.yaml import YAML  # rosbags' own parser
-
-    try:
-        facts = YAML(typ="safe").load(listing.read_text("utf-8"))["rosbag2_bagfile_information"]
-        storage, names = facts["storage_identifier"], facts["relative_file_paths"]
-        suffixes = {Path(name).suffix for name in names}
-    except Exception as error:  # the parser raises exceptions of many kinds
-        return f"is damaged ({type(error).__name__}: {error})"
-    if storage not in _STORAGES.values():
-        return f"has the storage identifier {storage!r}, and not {' or '.join(_STORAGES.values())}"
-    if facts.get("compression_mode", "").lower() not in ("file",) and suffixes != {
-        suffix for suffix, name in _STORAGES.items() if name == storage
-    }:
-        return f"has the storage identifier {storage!r} for files {', '.join(map(str, names))}"
-    return ""
 
 
 #: Message types with one structure for each event, and those with a camera's own words.

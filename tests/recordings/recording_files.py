@@ -305,38 +305,3 @@ def aedat4_packet(stream: int, events: list[Event], compression: int = 0) -> byt
             from backports import zstd
         buffer = zstd.compress(buffer)
     return struct.pack("<ii", stream, len(buffer)) + buffer
-
-
-def mcap(messages: list[bytes], a_chunk: int, compression: str = "") -> tuple[bytes, list[int]]:
-    """MCAP file of messages of one topic; return where the chunks, or messages, end, too.
-
-    `a_chunk` messages are in one chunk; with 0 there are no chunks.
-    """
-    import lz4.frame
-    from rosbags.rosbag2.writer import zstd
-
-    def text(words: str) -> bytes:
-        return struct.pack("<I", len(words)) + words.encode()
-
-    def record(kind: int, content: bytes) -> bytes:
-        return struct.pack("<BQ", kind, len(content)) + content
-
-    pack = {"": bytes, "lz4": lz4.frame.compress, "zstd": zstd.compress}[compression]
-    channel = struct.pack("<HH", 0, 1) + text("/e") + text("cdr") + text("")
-    definitions = record(3, struct.pack("<H", 1) + text("dvs_msgs/msg/EventArray") + text("ros2msg")
-                   + text("uint8 x")) + record(4, channel)  # fmt: skip
-    data, ends = b"\x89MCAP0\r\n" + record(1, text("ros2") + text("test")), []
-    data += b"" if a_chunk else definitions
-    records = [record(5, struct.pack("<HIQQ", 0, i, i, i) + m) for i, m in enumerate(messages)]
-    for i in range(0, len(records), a_chunk or 1):
-        part = b"".join(records[i : i + (a_chunk or 1)])
-        if a_chunk:
-            inner = definitions * (i == 0) + part
-            head = struct.pack("<QQQI", i, i + a_chunk - 1, len(inner), 0) + text(compression)
-            packed = pack(inner)
-            part = record(6, head + struct.pack("<Q", len(packed)) + packed)
-        data += part
-        ends.append(len(data))
-    data += record(15, bytes(4))
-    footer = struct.pack("<QQI", len(data), 0, 0)
-    return data + definitions + record(2, footer) + b"\x89MCAP0\r\n", ends
