@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import json
 import os
 import sys
 from collections.abc import Iterable
 from importlib import import_module
 from pathlib import Path
 from typing import Any
-from urllib.parse import unquote
 
 #: longest message, in characters: enough for the fault and the remedy, but not for a whole file
 LONGEST_MESSAGE = 1_000
@@ -251,51 +249,35 @@ def import_extra(module: str, what: str, library: str, extra: str) -> Any:
 
 
 def install_command(extra: str) -> str:
-    """Return the command that installs an extra (or several, with commas), as edge-vpr itself was.
+    """Return the command that installs an extra (or several, with commas).
 
-    An edge-vpr that was installed from a checkout is not on a package index. One that runs from its
-    checkout still does so afterwards (``-e``). If the checkout is gone, as after
-    `tools/board/install.sh`, the command names the libraries of the extra.
+    An edge-vpr that runs from its checkout still does so afterwards (``-e``). Elsewhere the command
+    names the libraries: where edge-vpr itself came from may be gone, as after
+    `tools/board/install.sh`, and is not on a package index.
     """
     checkout = Path(__file__).parents[1]
     if (checkout / "pyproject.toml").is_file():
         here = checkout == Path.cwd()
         return f"pip install -e '{'.' if here else checkout}[{extra}]'"
-    return _from_origin(extra)
+    sudo = "" if os.access(sys.prefix, os.W_OK) else "sudo "
+    libraries = " ".join(f"'{each}'" for each in _libraries(extra.split(",")))
+    return f"{sudo}{sys.executable} -m pip install {libraries}"
 
 
-def _from_origin(extra: str) -> str:
-    """Return the command that installs an extra from the source that pip recorded."""
-    from importlib.metadata import PackageNotFoundError, distribution  # 30 ms, for errors only
-
-    try:
-        installed = distribution("edge-vpr")
-        recorded = json.loads(installed.read_text("direct_url.json") or "{}")
-    except (PackageNotFoundError, ValueError):
-        return f"pip install 'edge-vpr[{extra}]'"
-    url = str(recorded.get("url", ""))
-    if "vcs_info" in recorded:
-        source = f"{recorded['vcs_info'].get('vcs', 'git')}+{url}"
-        return f"pip install 'edge-vpr[{extra}] @ {source}'"
-    if url.startswith("file://") and "dir_info" in recorded:
-        folder = unquote(url.removeprefix("file://"))
-        if Path(folder).is_dir():
-            return f"pip install '{folder}[{extra}]'"
-        libraries = " ".join(f"'{each}'" for each in _libraries(installed.requires or (), extra))
-        may_write = os.access(sys.prefix, os.W_OK)
-        return f"{'' if may_write else 'sudo '}{sys.executable} -m pip install {libraries}"
-    return f"pip install 'edge-vpr[{extra}]'"
-
-
-def _libraries(requires: Iterable[str], extra: str) -> list[str]:
+def _libraries(extras: list[str]) -> list[str]:
     """Return the requirements of extras on this machine, without their markers."""
+    from importlib.metadata import PackageNotFoundError, requires  # 30 ms, for errors only
+
     from packaging.requirements import Requirement
 
-    needed = [Requirement(text) for text in requires]
+    try:
+        needed = [Requirement(text) for text in requires("edge-vpr") or ()]
+    except PackageNotFoundError:
+        return [f"edge-vpr[{','.join(extras)}]"]
     return [
         f"{each.name}{each.specifier}"
         for each in needed
         if each.marker is not None
-        and any(each.marker.evaluate({"extra": one}) for one in extra.split(","))
+        and any(each.marker.evaluate({"extra": one}) for one in extras)
         and not each.marker.evaluate({"extra": ""})
     ]
