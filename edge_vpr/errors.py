@@ -132,10 +132,6 @@ class GroundTruthError(EdgeVprError):
     """A ground truth cannot be read, or does not fit the matches."""
 
 
-class WeightsError(EdgeVprError):
-    """The weights of a network cannot be read, or do not fit the images or the places."""
-
-
 def expect(value: object, kinds: type | tuple[type, ...], name: str, give: str) -> None:
     """Raise UsageError unless an argument is of one of some types.
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, Literal, NamedTuple, get_args
+from typing import Any, Literal, get_args
 
 import numpy as np
 import numpy.typing as npt
@@ -28,18 +28,6 @@ EARTH_RADIUS_M = 6_371_008.8
 ALONG = ("along_m", "along_from_m", "along_to_m")
 
 
-class Located(NamedTuple):
-    """Positions of n matches."""
-
-    #: Shape (n, d): of the matched place; NaN where the track did not cover it.
-    position: npt.NDArray[np.float64]
-    #: Shape (n,): the same as metres driven along the route; NaN as above.
-    along_m: npt.NDArray[np.float64]
-    #: from_m, to_m, shape (n,): interval along the route; NaN if no place in it has a position.
-    from_m: npt.NDArray[np.float64]
-    to_m: npt.NDArray[np.float64]
-
-
 def length_m(along_m: npt.NDArray[np.float64], window_parts: int) -> float:
     """Return the length of a route, to the end of its last window.
 
@@ -55,9 +43,9 @@ def length_m(along_m: npt.NDArray[np.float64], window_parts: int) -> float:
     return float(last[0] + (1 + window_parts / 2) * (last[1] - last[0]))
 
 
-def intervals(
+def along_columns(
     along_m: npt.NDArray[np.float64], place: npt.NDArray[np.integer], within: int
-) -> tuple[npt.NDArray[np.float64], ...]:
+) -> dict[str, npt.NDArray[np.float64]]:
     """Return the metres to matched places, and to the ends of the interval around each.
 
     Parameters
@@ -67,12 +55,14 @@ def intervals(
     place : ndarray of int, shape (n,)
         Index of the matched place, for each match.
     within : int
-        See `Route.locate`.
+        The interval reaches from this many places before the matched one to as many after it. With
+        the exclusion zone's, the probability of a match is that of the true position lying in the
+        interval: the trust compares the place with those outside it.
 
     Returns
     -------
-    along_m, from_m, to_m : ndarray of float64, shape (n,)
-        See `Located`.
+    dict of str to ndarray, each of shape (n,)
+        Columns `ALONG` of a table of matches, in order; NaN where nothing is known.
     """
     before = np.fmin.accumulate(along_m[::-1])[::-1]  # at or after each place
     after = np.fmax.accumulate(along_m)
@@ -81,14 +71,7 @@ def intervals(
     placed_before = np.concatenate([[0], np.cumsum(np.isfinite(along_m))])
     nothing = placed_before[last + 1] == placed_before[first]
     ends = (np.where(nothing, np.nan, end) for end in (before[first], after[last]))
-    return along_m[place], *ends
-
-
-def along_columns(
-    along_m: npt.NDArray[np.float64], place: npt.NDArray[np.integer], within: int
-) -> dict[str, npt.NDArray[np.float64]]:
-    """Return the result of `intervals` as columns of a table of matches, by name, in order."""
-    return dict(zip(ALONG, intervals(along_m, place, within), strict=True))
+    return dict(zip(ALONG, (along_m[place], *ends), strict=True))
 
 
 @dataclass(frozen=True, eq=False)
@@ -158,31 +141,17 @@ class Route(EqualByValue):
         east = (east + np.pi) % (2 * np.pi) - np.pi  # the short way round across the 180th meridian
         return EARTH_RADIUS_M * np.column_stack([east * np.cos(np.radians(origin[0])), north])
 
-    def locate(self, place: npt.NDArray[np.integer], within: int) -> Located:
-        """Return the positions of matched places, and the interval around each.
-
-        Parameters
-        ----------
-        place : ndarray of int, shape (n,)
-            Index of the matched place, for each match.
-        within : int
-            The interval reaches from this many places before the matched one to as many after it.
-            With the exclusion zone's, the probability of a match is that of the true position
-            lying in the interval: the trust compares the place with those outside it.
-        """
-        return Located(self.position[place], *intervals(self.along_m, place, within))
-
     def columns(
         self, place: npt.NDArray[np.integer], within: int
     ) -> dict[str, npt.NDArray[np.float64]]:
-        """Return the result of `locate` as columns of a table of matches, by name, in order.
+        """Return positions and `along_columns` of matched places, by name, in order.
 
         Parameters
         ----------
         place : ndarray of int, shape (n,)
             Index of the matched place, for each match.
         within : int
-            See `locate`.
+            See `along_columns`.
         """
         position = dict(zip(self.coordinates, self.position[place].T, strict=True))
         return position | along_columns(self.along_m, place, within)

@@ -8,9 +8,16 @@ import numpy as np
 import pytest
 from lab.baselines import Ensemble, Member, compare, match_distances, open_baseline
 from lab.baselines.dense import AbsoluteDifferences, PatchNormalised, mean_cells
-from lab.baselines.networks import Lens, LensWeights, grid_pixels, load_lens, read_state_dict
+from lab.baselines.networks import (
+    Lens,
+    LensWeights,
+    WeightsError,
+    grid_pixels,
+    load_lens,
+    read_state_dict,
+)
 
-from edge_vpr.errors import UsageError, WeightsError
+from edge_vpr.errors import UsageError
 from tests.lab.test_baselines import SETTINGS, places_of
 
 # --- weights --------------------------------------------------------------------------------------

@@ -17,7 +17,7 @@ from edge_vpr.events import Sensor
 from edge_vpr.live.position import Locator
 from edge_vpr.recordings import write_recording
 from edge_vpr.reference_map import ReferenceMap
-from edge_vpr.route import Route
+from edge_vpr.route import ALONG, Route, along_columns
 from edge_vpr.settings import Settings
 from tests.streams import map_of_counts, random_events
 
@@ -57,13 +57,12 @@ def test_a_track_of_another_drive_is_refused():
 def test_the_interval_spans_the_known_places_around_the_match(along, within):
     ascending = sorted(value for value in along if value is not None)
     metres = [np.nan if value is None else float(ascending.pop(0)) for value in along]
-    route = Route(np.array(metres)[:, None], np.array(metres))
-    located = route.locate(np.arange(len(metres)), within)
+    columns = along_columns(np.array(metres), np.arange(len(metres)), within)
     for k in range(len(metres)):
         around = [m for m in metres[max(0, k - within) : k + within + 1] if m == m]
         expected = [min(around), max(around)] if around else [np.nan, np.nan]
-        assert np.array_equal([located.from_m[k], located.to_m[k]], expected, equal_nan=True)
-    assert np.array_equal(located.along_m, metres, equal_nan=True)
+        assert np.array_equal([columns[name][k] for name in ALONG[1:]], expected, equal_nan=True)
+    assert np.array_equal(columns["along_m"], metres, equal_nan=True)
 
 
 ARRAYS = {"position": np.array([[0.0], [2.0]]), "along_m": np.array([0.0, 2.0])}

@@ -9,10 +9,15 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from edge_vpr.errors import EdgeVprError, UsageError, WeightsError, import_extra, printable
+from edge_vpr.errors import EdgeVprError, UsageError, import_extra, printable
 from edge_vpr.files import check_is_file, open_input
 from lab.baselines.baseline import Described, Images
 from lab.baselines.dense import CosineBaseline, mean_cells
+
+
+class WeightsError(EdgeVprError):
+    """The weights of a network cannot be read, or do not fit the images or the places."""
+
 
 # Weights, each read by the library of its format.
 

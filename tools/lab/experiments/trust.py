@@ -19,6 +19,7 @@ from edge_vpr.evaluation.calibration import learn_confidence
 from edge_vpr.evaluation.ground_truth import GroundTruth
 from edge_vpr.evaluation.metrics import evaluate_rejection
 from edge_vpr.evaluation.tracks import distances, with_positions
+from edge_vpr.route import along_columns
 from lab.drives import fullest_drives
 from lab.loop import Draw, Experiment, Row
 from lab.nulls import scrambled
@@ -191,11 +192,12 @@ def interval(tracks: Tracks, mapped: MappedPair) -> dict[str, float]:
         tracks.query.kind, tracks.query.at(matches.time_us)[judged, None], route.position[None]
     )
     true_m = route.along_m[np.nanargmin(gaps, axis=1)]  # the nearest place of the map
-    located = route.locate(matches.place[judged], matches.settings.exclusion_places)
-    inside = (located.from_m <= true_m) & (true_m <= located.to_m)
+    place, within = matches.place[judged], matches.settings.exclusion_places
+    _, from_m, to_m = along_columns(route.along_m, place, within).values()
+    inside = (from_m <= true_m) & (true_m <= to_m)
     return {
         "positions in their interval": float(inside.mean()),
-        "median interval (m)": float(np.nanmedian(located.to_m - located.from_m)),
+        "median interval (m)": float(np.nanmedian(to_m - from_m)),
     }
 
 
