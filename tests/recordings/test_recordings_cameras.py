@@ -65,15 +65,6 @@ def test_real_files_are_what_eventcv_reads(real, name):
     assert np.array_equal(make_events(t, x, y, p), events)
 
 
-def test_a_real_file_is_what_expelliarmus_reads(real):
-    """Not EVT 3.0: there its clock runs away, by up to 45 ms in this 9 ms recording."""
-    expelliarmus = pytest.importorskip("expelliarmus")
-    path = real / "evt2_gen3_640x480.raw"
-    other = expelliarmus.Wizard(encoding="evt2").read(str(path))
-    events, _ = absolute(path)
-    assert np.array_equal(make_events(other["t"], other["x"], other["y"], other["p"]), events)
-
-
 def test_a_real_aedat4_file_is_what_faery_reads(real):
     faery = pytest.importorskip("faery")
     path = real / "aedat4_davis346.aedat4"

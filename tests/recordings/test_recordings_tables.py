@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from edge_vpr.errors import RecordingError, UsageError
-from edge_vpr.events import Sensor, join_events, make_events
+from edge_vpr.events import Sensor, join_events
 from edge_vpr.recordings import open_recording
 from tests.streams import random_events
 
@@ -277,16 +277,6 @@ def test_without_a_polarity_all_events_are_on(tmp_path):
     rows, recording = rows_of(tmp_path / "b.csv")
     assert rows == [(0, 1, 2, True), (1, 1, 2, True)]
     assert recording.without_polarity
-
-
-def test_a_sensor_is_never_guessed(tmp_path):
-    events = make_events([0], [3], [4])
-    np.save(tmp_path / "a.npy", events)
-    np.savez(tmp_path / "a.npz", events=events)
-    (tmp_path / "a.csv").write_text("0,3,4,1\n")
-    for name in ("a.npy", "a.npz", "a.csv"):
-        with pytest.raises(UsageError, match="pass sensor="):
-            open_recording(tmp_path / name)
 
 
 # --- headers, units and orders of other programs ---------------------------------------------

@@ -1,4 +1,4 @@
-"""The simulated pixel: against plain Python, against eventcv, and its noise."""
+"""The simulated pixel: against plain Python, and its noise."""
 
 from __future__ import annotations
 
@@ -67,69 +67,6 @@ def test_a_doubling_of_light_makes_as_many_events_as_thresholds_fit_into_it():
     events = pixels.take()
     assert events["t"].tolist() == [int(1e6 * k * 0.2 / math.log(2)) for k in (1, 2, 3)]
     assert events["p"].all()
-
-
-def srgb_to_log(level):
-    """The input of eventcv's pixel: sRGB to linear light, then linear below 20 of 255, else ln."""
-    value = level / 255
-    linear = 255 * (value / 12.92 if value <= 0.04045 else ((value + 0.055) / 1.055) ** 2.4)
-    return linear * math.log(20) / 20 if linear <= 20 else math.log(linear)
-
-
-@pytest.mark.parametrize("scene", ["noise", "waves"])
-def test_equals_eventcv_without_noise(scene):
-    """Each pixel fires as often, with the same polarity and in the same step, as in eventcv.
-
-    The counts are equal without tolerance: both models count the thresholds that fit between the
-    remembered level and the input. (The thresholds are chosen so that no sum of ON thresholds is a
-    sum of OFF thresholds; there eventcv's single precision decides by chance.) Times follow two
-    conventions. eventcv, as v2e, lets the straight line of each step begin at the remembered
-    level; ours begins at the last input, where the pixel was. They agree where the two coincide,
-    and for the rest the test puts eventcv's convention into the plain model: then every time
-    agrees within 1 us, the rounding of single precision.
-    """
-    eventcv = pytest.importorskip("eventcv", reason="needs the extra eventcv")
-    rng = np.random.default_rng(0)
-    if scene == "noise":
-        frames = rng.integers(0, 256, (20, 16, 20)).astype(np.uint8)
-    else:
-        k, y, x = np.indices((50, 16, 20))
-        frames = np.round(127.5 + 120 * np.sin(0.3 * x + 0.2 * y + 0.25 * k)).astype(np.uint8)
-    height, width = frames.shape[1:]
-    on, off = float(np.float32(0.2)), float(np.float32(0.2 * 2**0.5))
-    step_us = 10_000
-    columns = eventcv.simulate(
-        frames, pos_thres=on, neg_thres=off, sigma_thres=0.0, leak_rate_hz=0,
-        shot_noise_rate_hz=0, cutoff_hz=0, refractory_us=0, fps=1e6 / step_us, upsample="off",
-    ).numpy()  # fmt: skip
-    theirs = defaultdict(list)
-    for x, y, t, p in columns.astype(np.int64).tolist():
-        theirs[x, y].append((t, bool(p)))
-
-    log_of = np.array([srgb_to_log(level) for level in range(256)])
-    pixels = PixelArray(
-        Sensor(width, height), np.full(height * width, on), np.full(height * width, off), 0
-    )
-    for k, frame in enumerate(frames):
-        pixels.step(np.exp(log_of[frame]).astype(np.float32), k * step_us)
-    events = pixels.take()
-    ours = by_pixel(events)
-
-    assert len(events) == len(columns) > 5000
-    for y in range(height):
-        for x in range(width):
-            logs = log_of[frames[:, y, x]].tolist()
-            crossings = naive.pixel_crossings(logs, on, off)
-            assert [p for _, p in ours[x, y]] == [p for _, p in theirs[x, y]]
-            for (step, level, way, _), (t, _), (their_t, _) in zip(
-                crossings, ours[x, y], theirs[x, y], strict=True
-            ):
-                start = (step - 1) * step_us
-                assert start <= t <= start + step_us
-                convention = start + step_us * way / (logs[step] - level)
-                assert abs(their_t - convention) <= 1.01
-                if level == logs[step - 1]:
-                    assert abs(t - their_t) <= 1
 
 
 @pytest.mark.parametrize(
