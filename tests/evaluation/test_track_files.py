@@ -212,17 +212,6 @@ def test_a_file_that_is_no_track_says_why(tmp_path, name, text, says):
     assert name in str(caught.value) and "\n" not in str(caught.value)
 
 
-@pytest.mark.parametrize("encoding", ["utf-16", "utf-16-le", "utf-16-be"])
-def test_a_log_in_utf16_is_read_like_any_other(tmp_path, encoding):
-    (tmp_path / "a.nmea").write_text(nmea(5))
-    (tmp_path / "b.nmea").write_bytes(nmea(5).encode(encoding))
-    plain, wide = (load_track(tmp_path / name) for name in ("a.nmea", "b.nmea"))
-    assert np.array_equal(plain.position, wide.position)
-    assert not wide.dropped
-    (tmp_path / "b.csv").write_bytes("time_s,x_m\n0,0\n1,2\n".encode(encoding))
-    assert load_track(tmp_path / "b.csv").position.tolist() == [[0.0], [2.0]]
-
-
 @pytest.mark.parametrize(
     ("spoilt", "says"),
     [

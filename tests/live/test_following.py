@@ -152,14 +152,14 @@ def cut(rng, sent, whole):
 @pytest.mark.slow
 @given(
     seed=st.integers(0, 2**32),
-    device=st.sampled_from(["evpr", "evpr", "evt2"]),
+    device=st.sampled_from(["evpr", "evpr", "evt2", "evt3"]),
     kind=st.sampled_from(["sequence", "filter"]),
     window=st.sampled_from(["time", "count"]),
     remove_bursts=st.booleans(),
     every=st.sampled_from(SCHEDULES),
     whole=st.booleans(),
 )
-@settings(max_examples=4 if config.DISABLE_JIT else 60)
+@settings(max_examples=4 if config.DISABLE_JIT else 100)
 # bytes are skipped over two pieces, of one loss
 @example(
     seed=5386673, device="evt2", kind="sequence", window="time", remove_bursts=False,

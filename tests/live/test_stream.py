@@ -18,12 +18,10 @@ import numpy as np
 import pytest
 from edge_vpr_tools import live_view
 
-from edge_vpr.descriptors.cleaning import BurstFilter
 from edge_vpr.errors import MapError, UsageError
 from edge_vpr.events import Sensor, join_events, make_events
 from edge_vpr.live.bridge import Bridge, LineFaults, open_device_link
 from edge_vpr.live.protocols import open_decoder, open_encoder
-from edge_vpr.live.protocols.timestamps import CONFIRM
 from edge_vpr.live.session import LiveStatus, LiveStep
 from edge_vpr.live.stream_matcher import MOST_TICKS, StreamMatcher
 from edge_vpr.online.localiser import Localiser
@@ -42,7 +40,6 @@ from tests.live.devices import (
     sent_by,
     wait_until,
 )
-from tests.live.fuzz_decoders import a_map
 from tests.streams import Drive, matched_live, random_events, read_events, records, split_events
 
 SENSOR = Sensor(64, 48)
@@ -139,50 +136,6 @@ def test_live_matches_are_the_offline_ones_to_the_bit(
     decoder = open_decoder(host, SENSOR)
     replayed = join_events([decoder.feed(raw.read_bytes()), decoder.finish()])
     assert np.array_equal(np.asarray(replayed)[["x", "y", "p"]], np.asarray(again)[["x", "y", "p"]])
-
-
-@pytest.fixture(scope="module")
-def walks(shared_data, tmp_path_factory):
-    """The real walks as recordings of events, and a map of the first."""
-    from fractions import Fraction
-
-    folder = tmp_path_factory.mktemp("walks")
-    settings = Settings(pixels=64, tau_us=1_000_000, sequence_length=5)
-    for name in ("reference", "query"):
-        path = shared_data / "speck_walks" / f"{name}.npz"
-        walk = open_recording(path, frame_period=Fraction(1, 30))
-        if name == "reference":
-            ReferenceMap.build(walk, settings).save(folder / "map.npz")
-        else:
-            write_recording(folder / "query.npz", walk)
-    return folder
-
-
-@pytest.mark.slow
-@pytest.mark.usefixtures("greets_once")
-@pytest.mark.parametrize(
-    ("port", "protocol"), [("virtual", "edvs:format=E4"), ("tcp://127.0.0.1:0", "evpr")]
-)
-def test_a_real_walk_of_nine_million_events_is_matched_live_as_offline(
-    port, protocol, walks, tmp_path, run
-):
-    walk = open_recording(walks / "query.npz", chunk_events=20_000)
-    address, _, thread = play(walk, Sensor(128, 128), protocol, port)
-    log = tmp_path / "run.jsonl"
-    words = ["stream", "--port", address, "--protocol", protocol.partition(":")[0]]
-    words += ["--map", walks / "map.npz", "--once", "--every", "100ms", "--log", log]
-    run(*words, "--on-overload", "wait", "--max-age", "60s")
-    thread.join()
-    reference = ReferenceMap.load(walks / "map.npz")
-    recording = open_recording(walks / "query.npz")
-    expected = matched_live(reference, recording, MatchSchedule(interval_us=100_000))
-    names = ["place", "distance", "second", "second_distance", "events"]
-    rows = rows_of(log, "match")
-    assert len(rows) > 1_000
-    assert [tuple(row[name] for name in names) for row in rows] == expected[names].tolist()
-    assert [row["time_s"] for row in rows] == (expected["time_us"] / 1e6).tolist()
-    (summary,) = rows_of(log, "summary")
-    assert (summary["events"], summary["decoded"], summary["lost"]) == (9_234_993, 9_234_993, 0)
 
 
 def test_what_a_bad_line_loses_is_counted_and_the_matches_around_it_are_flagged(
@@ -756,52 +709,3 @@ def test_a_line_of_status_comes_in_time_and_at_each_change(sent, capsys, monkeyp
     assert json.loads(log.getvalue().splitlines()[-1])["accounting"] == "unknown"
     health.cut_off = False
     assert len(lines_after()) == 1
-
-
-def spells(rng, sensor, silence_s, end_us):
-    """Events, and after each silence some more: fewer would not confirm how late it is."""
-    now = 0
-    while now < end_us:
-        n = int(rng.integers(CONFIRM + 1, 200))
-        flat = rng.integers(0, sensor.pixels, n)
-        times = now + np.sort(rng.integers(0, 200_000, n))
-        yield make_events(times, flat % sensor.width, flat // sensor.width)
-        now = int(times[-1]) + int(rng.uniform(0.1, 1.0) * silence_s * 1e6)
-
-
-#: evt3's clock wraps after 16.8 s, and evpr says each second that it is there
-@pytest.mark.parametrize(("protocol", "silence_s", "wraps"), [("evpr", 120, 0), ("evt3", 15, 80)])
-def test_a_while_of_silences_wraps_and_heartbeats_gives_the_matches_of_the_recording(
-    protocol, silence_s, wraps
-):
-    reference, rng = a_map(), np.random.default_rng(0)
-    sensor = reference.pixel_map.sensor
-    every = MatchSchedule(events=50, interval_us=1_000_000)
-    encoder, decoder = open_encoder(protocol, sensor), open_decoder(protocol, sensor)
-    live = StreamMatcher(decoder, reference, every)
-    offline, bursts = Localiser(reference, every=every), BurstFilter(sensor)
-    parts, expected, start, reached = [], [], None, 0
-
-    def take(data):
-        result = live.feed(data, 0)
-        assert not any(match.missing for match in result.matches)
-        parts.append(records(result.matches))
-
-    take(encoder.start())
-    for events in spells(rng, sensor, silence_s, end_us=1_440_000_000):
-        start = int(events["t"][0]) if start is None else start
-        for second in range(reached // 1_000_000 + 1, int(events["t"][0]) // 1_000_000):
-            take(encoder.idle(second * 1_000_000))
-        take(encoder.encode(events))
-        reached = int(events["t"][-1])
-        if protocol != "evpr":
-            events.t -= start  # only evpr tells when the stream began
-        expected += [offline.update(piece) for piece in bursts.pieces(events)]
-    parts.append(records(live.finish().matches))
-    expected.append(offline.update(bursts.finish()))
-    matches = np.concatenate(parts)
-    assert matches.size > 1_400
-    assert matches.tobytes() == np.concatenate(expected).tobytes()
-    health = decoder.health
-    assert (health.lost, health.rejected) == (0, 0)
-    assert health.wraps >= wraps
