@@ -343,7 +343,7 @@ class LiveSession:
                 yield self._heartbeat()
 
     def poll(self) -> list[Match]:
-        """Return the matches that are ready, without waiting.
+        """Return the matches that are ready, without waiting; the newest is the last.
 
         Raises
         ------
@@ -367,14 +367,6 @@ class LiveSession:
             self._beat_s = now
             matches.append(self._heartbeat())
         return matches
-
-    def latest(self) -> Match | None:
-        """Return the newest match that came since the last call, without waiting; None if none.
-
-        For a loop that takes longer than the matches to come: see `poll`.
-        """
-        matches = self.poll()
-        return matches[-1] if matches else None
 
     def steps(self) -> Iterator[LiveStep]:
         """Yield a step for each piece of bytes and for each time-out, for views.

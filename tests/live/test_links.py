@@ -93,25 +93,6 @@ def test_a_host_that_was_late_takes_all_that_waits_but_never_across_a_loss():
     assert [reader.take(0) for _ in range(4)] == [Chunk(b"ab", 0.0), *pieces[2:], None]
 
 
-@pytest.mark.parametrize("live", [True, False])
-def test_a_file_that_ends_has_ended_and_a_live_link_is_opened_again(live):
-    opened = []
-
-    def open_next():
-        opened.append(1)
-        return Script([b"bytes"], live=live)
-
-    reader = LinkReader(open_next, retry=True, drop=False)
-    piece = reader.take(30)
-    assert piece is not None
-    assert (piece.data, piece.reopened) == (b"bytes", False)
-    again = reader.take(30)
-    assert (again is not None) == live
-    assert reader.ended != live
-    reader.stop()
-    assert (len(opened) > 1) == live
-
-
 def test_a_link_that_can_wait_loses_nothing_to_a_late_reader(monkeypatch):
     monkeypatch.setattr(reader_module, "BUFFER_BYTES", 1_000)
     sent = [bytes([i]) * 100 for i in range(50)]

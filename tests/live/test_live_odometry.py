@@ -17,7 +17,7 @@ from edge_vpr_tools.cli import main
 from edge_vpr.descriptors.counting import cleaned
 from edge_vpr.errors import UsageError
 from edge_vpr.evaluation.tables import load_odometry
-from edge_vpr.events import Sensor, join_events
+from edge_vpr.events import Sensor
 from edge_vpr.live import session as session_module
 from edge_vpr.live.odometer import OdometerLine, OdometerReader
 from edge_vpr.live.protocols import open_encoder
@@ -30,7 +30,6 @@ from edge_vpr.online.schedule import MatchSchedule
 from edge_vpr.recordings import write_recording
 from edge_vpr.reference_map import ReferenceMap
 from edge_vpr.settings import Settings
-from edge_vpr.simulation import simulate_pair
 from tests.live.devices import Pipe, TimedCamera, fed, rows_of
 from tests.streams import Drive, random_events, read_events, split_events
 
@@ -324,40 +323,6 @@ def test_an_odometer_that_never_speaks_is_told(streamed, drive, capsys, monkeypa
     text = "".join(capsys.readouterr())
     assert "| no reading of the odometer has come |" in text
     assert "\nno reading of the odometer has come: matched without it\n" in text
-
-
-@pytest.fixture(scope="module")
-def street():
-    """A map with positions, and another drive's cleaned events and metres."""
-    first, second = simulate_pair(seed=0, length_m=100.0)
-    reference = ReferenceMap.build(first, track=first.track, tau="500ms")
-    events = join_events(list(cleaned(second, reference.settings)))
-    (metres,) = second.track.position.T
-    return reference, events, lambda t_us: np.interp(t_us, second.track.time_us, metres)
-
-
-def correct_share(street, shown_m=None):
-    """The share of matches within 10 m, with an odometer that shows this, and its check."""
-    reference, events, metres_at = street
-    localiser = reference.localiser("window")
-    parts = []
-    for piece in split_events(events, events.size // 2_000):
-        parts.append(localiser.update(piece))
-        if shown_m is not None:
-            time_us = int(piece["t"][-1])
-            localiser.read_odometer(time_us, shown_m(float(metres_at(time_us))))
-    rows = np.concatenate(parts)
-    off_m = reference.route.along_m[rows["place"]] - metres_at(rows["time_us"])
-    return (np.abs(off_m) < 10).mean(), localiser.odometer_check
-
-
-def test_an_odometer_in_millimetres_costs_no_match(street):
-    """In a program of its own, too, which has a `Localiser` and no session: all readings leap."""
-    with_wrong, check = correct_share(street, lambda metres: 1_000 * metres)
-    assert check.leaps > 10
-    without, _ = correct_share(street)
-    assert without > 0.7
-    assert with_wrong == pytest.approx(without, abs=0.05)
 
 
 @pytest.mark.parametrize("scale", [0.85, 1.0, 3.28, -1.0])

@@ -60,7 +60,7 @@ def paced(pipe, events, clock, pieces):
         yield
 
 
-@pytest.mark.parametrize("taken", ["iterated", "latest"])
+@pytest.mark.parametrize("taken", ["iterated", "polled"])
 def test_a_slow_program_gets_matches_of_now(taken, route, clock):
     """20 matches come a second, and it takes 5."""
     events = random_events(np.random.default_rng(2), 60_000, SENSOR, 6_000_000)
@@ -72,7 +72,7 @@ def test_a_slow_program_gets_matches_of_now(taken, route, clock):
         for n, _ in enumerate(paced(pipe, events, clock, 500), 1):
             if n % 20 or n == 20:  # the first match is of 0.2 s
                 continue
-            match = next(matches) if taken == "iterated" else session.latest()
+            match = next(matches) if taken == "iterated" else (session.poll() or [None])[-1]
             if match is not None and match.place >= 0:
                 seen.append(match)
                 assert clock.time() - match.host_us / 1e6 == pytest.approx(match.age_s, abs=0.1)
@@ -101,6 +101,8 @@ def test_a_match_that_comes_late_is_lost(limit, window_s, route, clock):
     assert {match.probability for match in late if match.lost} == {0}
 
 
+#: fields of a match that may be NaN
+UNKNOWN = ("ratio", "probability", "second_distance")
 #: a host, and what its device sends
 PROTOCOLS = [(each.host, each.sends) for each in DEVICES if each.typical]
 SENSOR = Sensor(64, 48)
@@ -151,14 +153,10 @@ def test_the_matches_of_every_protocol_are_those_of_the_recording(
     thread.join()
     expected = offline(route, events)
     assert expected.size > 30
-    assert [round(1e6 * match.time_s) for match in matches] == expected["time_us"].tolist()
-    assert [match.place for match in matches] == expected["place"].tolist()
     assert [match.query for match in matches] == list(range(len(matches)))
-    assert [match.distance for match in matches] == expected["distance"].tolist()
-    seconds = [match.second_distance for match in matches]
-    assert np.array_equal(seconds, expected["second_distance"], equal_nan=True)
-    for name in ("second", "ratio", "trust", "lost"):
-        assert [getattr(match, name) for match in matches] == expected[name].tolist(), name
+    for name in set(expected.dtype.names) - {"query"}:
+        of_all = [getattr(match, name) for match in matches]
+        assert np.array_equal(of_all, expected[name], equal_nan=name in UNKNOWN), name
     position, locator = PathPosition(route.settings), Locator(route)
     at = [
         position.update(row["time_us"], row["time_us"] - row["start_us"], row["place"])
@@ -481,22 +479,11 @@ def test_a_known_map_learns_the_drive_that_it_is_matched_with(street, tmp_path, 
     assert "more.npz makes a new map of it, and adds nothing to the old one\n" in shown
 
 
-def test_a_precision_marks_the_matches_below_it_as_lost(street, tmp_path):
-    """As for a recording; without one, no match is ever lost."""
-    reference, query = ReferenceMap.load(street[0]), street[0].with_name("query.npz")
-    sent = write_sent(tmp_path / "sent.bin", open_recording(query), reference.pixel_map.sensor)
-    lost = {}
-    for changes in ({}, {"precision": 0.9}):
-        with LiveSession(sent, protocol="evpr", reference=reference, **changes) as session:
-            lost[len(changes)] = [match.lost for match in session]
-    expected = reference.matched_with(replace(reference.settings, precision=0.9, smooth=False))
-    rows = matched_live(expected, open_recording(query), "50ms")
-    assert lost[1] == rows["lost"].tolist()
-    assert 0 < sum(lost[1]) < len(lost[1]) and not any(lost[0])
+def test_settings_that_do_not_exist_or_are_the_map_s_are_refused(route):
     with pytest.raises(UsageError, match="LiveSession has the unknown setting 'hartbeat'"):
-        LiveSession(sent, protocol="evpr", reference=reference, hartbeat="500ms")
+        LiveSession("/dev/null0", protocol="evpr", reference=route, hartbeat="500ms")
     with pytest.raises(UsageError, match="setting tau_us = 1, and the map was made with"):
-        LiveSession(sent, protocol="evpr", reference=reference, tau_us=1)
+        LiveSession("/dev/null0", protocol="evpr", reference=route, tau_us=1)
 
 
 def test_a_map_in_place_of_a_port_is_called_a_map(route, tmp_path):

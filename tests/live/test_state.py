@@ -116,19 +116,6 @@ def test_the_time_in_which_nothing_was_seen_gives_no_matches(count, first, how, 
     assert missing == sorted(missing, reverse=True)
 
 
-@pytest.mark.usefixtures("clock")  # a robot may drive on while this machine is busy
-def test_without_a_state_it_takes_longer(street, tmp_path):
-    path, events, _ = street
-    state, late = tmp_path / "run.state", between(events, 20, 24)
-    played(between(events, 0, 20), state, path)
-    resumed, _ = played(late, state, path)
-    late.t -= late["t"][0]
-    fresh, said = played(late, tmp_path / "other.state", path)
-    assert said == []
-    kept, anew = (np.mean([m.probability for m in each[:40]]) for each in (resumed, fresh))
-    assert kept > anew
-
-
 @pytest.mark.parametrize("clock", ["goes on", "restarts"])
 @pytest.mark.parametrize("how", ["another run", "the same run"])
 def test_a_robot_that_drove_on_unseen_is_found_again(how, clock, street, tmp_path):

@@ -156,42 +156,6 @@ def test_what_a_bad_line_loses_is_counted_and_the_matches_around_it_are_flagged(
     assert np.mean(shares) == pytest.approx(summary["lost"] / 40_000, rel=0.3)
 
 
-def given_again(rows):
-    """Which matches are those before them once more."""
-    return [i for i in range(1, len(rows)) if rows[i]["time_s"] == rows[i - 1]["time_s"]]
-
-
-def test_a_reader_of_lines_learns_that_the_camera_is_silent(drive, events, tmp_path, streamed):
-    """The last line of a silence would else be a match that is not lost."""
-    link, log = open_device_link("tcp://127.0.0.1:0"), tmp_path / "run.jsonl"
-    encoder, (before, after) = open_encoder("evpr", SENSOR), split_events(events, [24_000])
-
-    def camera():
-        with contextlib.closing(link):
-            greeted(link)
-            send_all(link, encoder.start() + encoder.encode(before))
-            wait_until(log.exists)
-            wait_until(lambda: given_again(rows_of(log.read_text().rpartition("\n")[0], "match")))
-            send_all(link, encoder.encode(after))
-            link.drain(30)
-
-    thread = threading.Thread(target=camera, daemon=True)
-    thread.start()
-    words = ["--port", link.address, "--map", drive / "map.npz", "--once", "--log", log]
-    streamed(*words, "--max-age", "500ms")
-    thread.join()
-    rows = rows_of(log, "match")
-    again = given_again(rows)
-    first = again[0]
-    assert rows[first]["time_s"] == pytest.approx(1.2, abs=0.1)
-    assert not rows[first - 1]["lost"]
-    assert all(rows[i]["lost"] for i in again)
-    # and those that come late after it are not taken for sure by who looks at nothing else
-    assert all(row["lost"] == (row["age_s"] > 0.5) == (row["probability"] == 0) for row in rows)
-    (summary,) = rows_of(log, "summary")
-    assert summary["matches"] == len(rows) - len(again)
-
-
 def whole(lines):
     """Events decoded or known to be lost, as the newest line of health says."""
     for line in reversed(lines):
