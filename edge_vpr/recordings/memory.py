@@ -64,41 +64,22 @@ def _is_data_set(recording: object) -> bool:
 
 
 def _is_sample(recording: object) -> bool:
-    """Return whether an object is a pair of events and their target."""
+    """Return whether an object is a pair of events and their target, not of two recordings."""
     if not isinstance(recording, tuple | list) or len(recording) != 2:
         return False
-    events = recording[0]
-    return (
-        isinstance(events, Events)
-        or column_names(events) is not None
-        or (isinstance(events, np.ndarray) and (events.dtype.names is not None or events.ndim == 2))
-    )
+    events, target = recording
+    names = _names_of(target)
+    if isinstance(target, Events) or (names is not None and match_columns(names) is not None):
+        return False
+    two_axes = isinstance(events, np.ndarray) and events.ndim == 2
+    return isinstance(events, Events) or two_axes or _names_of(events) is not None
 
 
-def _refuse_several(recording: object) -> None:
-    """Refuse a sequence of recordings, of which the first would look like a sample's events."""
-    if not isinstance(recording, tuple | list):
-        return
-    several = sum(_is_recording(each) for each in recording)
-    if all(isinstance(each, str | Path) for each in recording):
-        several = len(recording)
-    if several > 1 or several == len(recording) == 1:
-        parts = all(isinstance(each, Events | np.ndarray) for each in recording)
-        raise UsageError(
-            f"a drive is one recording, and the {type(recording).__name__} holds {several}: give "
-            + ("np.concatenate of them if they are parts of one drive, else " * parts)
-            + "one of them; a map learns further drives by route.update(recording)"
-        )
-
-
-def _is_recording(one: object) -> bool:
-    """Return whether an object is a recording, or events with names."""
-    if hasattr(one, "sensor") and hasattr(one, "__iter__"):
-        return True
-    if isinstance(one, Events):
-        return True
-    names = one.dtype.names if isinstance(one, np.ndarray) else column_names(one)
-    return names is not None and match_columns(list(names), None) is not None
+def _names_of(events: object) -> list[str] | None:
+    """Return the names of the columns of a table, or of the fields of an array."""
+    if isinstance(events, np.ndarray):
+        return None if events.dtype.names is None else list(events.dtype.names)
+    return column_names(events)
 
 
 class MemorySource(Source):
@@ -123,7 +104,6 @@ class MemorySource(Source):
                 )
             options = replace(options, sensor=options.sensor or Sensor.of(recording.sensor_size))
             recording = recording[0]
-        _refuse_several(recording)
         if _is_sample(recording):
             recording = recording[0]
         self._columns, self._unit = _columns_of(recording, options)
@@ -170,7 +150,8 @@ def _columns_of(
             raise UsageError(
                 f"the event data is a sequence of {len(recording)}: give t, x, y and p as four "
                 "arrays, or name their order with columns='xytp', for example; of a data set's "
-                "sample its events, such as dataset[0][0]"
+                "sample its events, such as dataset[0][0]; of several recordings one, as a drive "
+                "is (a map learns others by route.update), or np.concatenate of the parts of one"
             )
         arrays = [np.asarray(column) for column in recording]
         columns = {name: a for name, a in zip(wanted, arrays, strict=True) if name != "-"}

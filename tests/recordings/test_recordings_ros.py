@@ -249,7 +249,7 @@ def test_a_real_bag_of_libcaer_is_read_beyond_the_wrap_of_its_31_bits(shared_dat
 EVENT_FORMS = {
     "dvs_msgs": "uint16 x\nuint16 y\ntime ts\nbool polarity",
     "other order": "bool p\nbuiltin_interfaces/Time timestamp\nuint16 y\nuint16 x",
-    "microseconds": "uint32 x\nuint32 y\nint8 p\nint64 t_us",
+    "microseconds": "uint32 x\nuint32 y\nint8 polarities\nint64 t_us",
     "nanoseconds": "uint64 time_ns\nuint16 x\nuint16 y\nuint8 pol",
     "seconds": "int16 x\nuint8 reserved\nint16 y\nfloat64 t\nbool on",
 }
@@ -284,34 +284,27 @@ def test_arrays_are_read_by_their_package_or_definition(ros, package, form, befo
     types = get_types_from_msg(definition, name)
     store.register({key: value for key, value in types.items() if key.startswith(package)})
     time = store.types["builtin_interfaces/msg/Time"]
-    event = store.types[f"{package}/msg/Event"]
 
-    def made(t, x, y, p):
-        values = {"x": x, "y": y, "reserved": 9}
-        for field in types[f"{package}/msg/Event"][1]:
-            if field[0] in ("ts", "timestamp"):
-                values[field[0]] = time(sec=t // 10**6, nanosec=t % 10**6 * 1000)
-            elif field[0] in ("p", "pol", "on", "polarity"):
-                values[field[0]] = (
-                    p if "bool" in str(field) else p if form == "nanoseconds" else 2 * p - 1
-                )
-        values |= {"t_us": t, "time_ns": t * 1000, "t": t / 1e6}
-        names = [field[0] for field in types[f"{package}/msg/Event"][1]]
-        return event(**{key: values[key] for key in names})
+    def made(kind, **values):
+        fields = [field for field, _ in store.get_msgdef(kind).fields]
+        return store.types[kind](**{field: values[field] for field in fields})
+
+    def event(t, x, y, p):
+        stamp = time(sec=t // 10**6, nanosec=t % 10**6 * 1000)
+        return made(
+            f"{package}/msg/Event", x=x, y=y, reserved=9, ts=stamp, timestamp=stamp, t_us=t,
+            time_ns=t * 1000, t=t / 1e6, p=p, polarity=p, on=p, pol=int(p), polarities=2 * p - 1,
+        )  # fmt: skip
 
     messages = []
     for i in range(0, 90, 30):
-        rows = [made(*row) for row in EVENTS[i : i + (1 if i == 30 else 30)]]
-        top = {"height": 260, "width": 346, "events": rows, "after": 1}
-        if before == "header":
-            stamp = time(sec=1, nanosec=2)
-            seq = {"seq": 3} if ros == 1 else {}
-            header = store.types["std_msgs/msg/Header"](stamp=stamp, frame_id="cam", **seq)
-            top["header"] = header
-        else:
-            top |= {"camera": "front", "marks": np.arange(3, dtype=np.uint8)}
-            top["gains"] = np.arange(5, dtype=np.float32)
-        message = store.types[name](**top)
+        rows = [event(*row) for row in EVENTS[i : i + (1 if i == 30 else 30)]]
+        stamp = time(sec=1, nanosec=2)
+        message = made(
+            name, height=260, width=346, events=rows, after=1, camera="front",
+            header=made("std_msgs/msg/Header", stamp=stamp, frame_id="cam", seq=3),
+            marks=np.arange(3, dtype=np.uint8), gains=np.arange(5, dtype=np.float32),
+        )  # fmt: skip
         if ros == 1:
             messages.append(bytes(store.serialize_ros1(message, name)))
         else:
