@@ -134,9 +134,7 @@ class Columns(NamedTuple):
 
 def empty_columns(n: int) -> Columns:
     """Return columns for `n` events, whose values a decoder sets."""
-    return Columns(
-        np.empty(n, np.int64), np.empty(n, np.uint16), np.empty(n, np.uint16), np.empty(n, np.bool_)
-    )
+    return Columns(*empty_events(n).columns)
 
 
 #: Longest side of a sensor in pixels: columns and rows are 16 bits.

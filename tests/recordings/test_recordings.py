@@ -26,12 +26,6 @@ ROOT = Path(__file__).parents[2]
 SENSOR = Sensor(40, 30)
 
 
-def need(suffix: str) -> None:
-    library = {".parquet": "pyarrow", ".h5": "h5py", ".hdf5": "h5py"}.get(suffix)
-    if library:
-        pytest.importorskip(library)
-
-
 def read(path, **options):
     """All events of a recording, and the recording."""
     recording = open_recording(path, **options)
@@ -61,7 +55,6 @@ def from_steps(rows):
 def test_what_is_written_is_read_again_to_the_bit_for_any_chunking(
     suffix, rows, start, chunk, tmp_path_factory
 ):
-    need(suffix)
     events = from_steps(rows)
     path = tmp_path_factory.mktemp("round") / f"trip{suffix}"
     pieces = [events[i : i + chunk] for i in range(0, events.size, chunk)]
@@ -213,9 +206,9 @@ def test_every_format_is_fuzzed_and_its_suffixes_are_on_the_page(tmp_path):
     ],
 )
 def test_an_unreadable_file_is_one_line_that_says_why(name, content, words, tmp_path):
-    need({"a.bag": ""}.get(name, Path(name).suffix))
-    if name == "a.bag":
-        pytest.importorskip("rosbags")
+    libraries = {".parquet": "pyarrow", ".h5": "h5py", ".bag": "rosbags", ".db3": "rosbags"}
+    if library := libraries.get(Path(name).suffix):
+        pytest.importorskip(library)
     path = tmp_path / name
     path.write_bytes(content)
     with pytest.raises(EdgeVprError) as raised:
@@ -282,7 +275,6 @@ def test_nothing_half_written_is_left_and_nothing_is_replaced_unasked(tmp_path):
         yield make_events([0], [0], [0])  # goes back
 
     for suffix in WRITTEN:
-        need(suffix)
         with pytest.raises(EventError, match="runs backwards"):
             write_recording(tmp_path / f"a{suffix}", broken(), sensor=SENSOR)
         with pytest.raises(RecordingError, match="no events to write"):

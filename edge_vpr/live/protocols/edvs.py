@@ -217,11 +217,11 @@ class EdvsEncoder(Encoder):
 
     waits_for_host = True
 
-    def __init__(self, sensor: Sensor, bits: int, sync: int, dialect: str, *, echo: bool) -> None:
+    def __init__(self, sensor: Sensor, bits: int, sync: int, dialect: str) -> None:
         if max(sensor) > 128:
             raise UsageError(f"edvs has 128x128 pixels, and not {sensor}: crop the recording")
         super().__init__(sensor)
-        self._sync, self._dialect, self._echo = sync, dialect, echo
+        self._sync, self._dialect, self._echo = sync, dialect, True
         self._last = 0
         self._commands = b""
         self._set(bits)
@@ -285,5 +285,4 @@ def open_decoder(name: str, sensor: Sensor, options: OptionReader) -> Decoder:
 def open_encoder(name: str, sensor: Sensor, options: OptionReader) -> Encoder:
     """Make an encoder."""
     wanted, dialect, sync = _stated(options)
-    echo = options.choice("echo", ("on", "off")) == "on"
-    return EdvsEncoder(sensor, BITS[dialect][wanted], sync, dialect, echo=echo)
+    return EdvsEncoder(sensor, BITS[dialect][wanted], sync, dialect)
