@@ -267,23 +267,6 @@ def test_a_mounting_turned_to_the_right_moves_the_image_to_the_left():
                                                                          rel=0.01)  # fmt: skip
 
 
-def test_light_changes_without_jumps_on_the_way():
-    """On striped ground a pixel shows what lies at its distance, linear between two texels."""
-    scene = empty_scene()
-    texel = np.arange(scene.ground.cover.shape[1])
-    stripes = np.abs(texel % 20 - 10) / 10  # from black to white in a metre
-    scene.ground.reflectance[:] = stripes
-    places = 10 + 0.037 * np.arange(80)
-    drive = replace(STILL_IMAGE, light=Light(sun=0, ambient=1))
-    view = View(QUIET, drive, illuminate(scene, drive.light))
-    frames = np.zeros((80, *view.shape), np.float32)
-    view.render(places, frames)
-    row, column = view.shape[0] // 2 + 36, view.shape[1] // 2  # where a pixel covers one texel
-    at = (places + CAMERA_M / view.down[row, column]) / COLUMN_M - 0.5
-    expected = np.interp(at, texel, stripes)  # texels have their value in their middle
-    assert frames[:, row, column] == pytest.approx(expected, abs=0.003)  # 8 bit
-
-
 def test_the_sun_on_the_right_throws_the_shadow_of_a_wall_to_its_left():
     """At 45 degrees a wall throws a shadow as long as it is high; the rest lies in the sun."""
     scene = empty_scene(20)
@@ -319,20 +302,6 @@ def test_a_passing_figure_covers_what_is_behind_it_at_its_place():
     )
     paint_traffic([mover], view, 9_000_000, 10.0, bare)  # behind the camera by now
     assert np.array_equal(bare, seen_from(empty_scene(), 10)[1])
-
-
-def test_of_two_figures_the_nearer_is_seen():
-    black, white = (np.zeros((12, 12, 2), np.float32) for _ in range(2))
-    for picture, light in ((black, 0), (white, 1)):
-        picture[1:-1, 1:-1] = light, 1
-    near = Mover(black, 1.0, 1.5, 16.0, 0.0, 0.0, 0.0)
-    far = Mover(white, 1.0, 1.5, 20.0, 0.0, 0.9, 0.0)  # in line with the near one
-    for order in ([near, far], [far, near]):
-        view, frame = seen_from(empty_scene(), 10)
-        paint_traffic(order, view, 0, 10.0, frame)
-        column = round((view.shape[1] - 1) / 2 - view.focal * view.lane_m / 6)
-        row = round((view.shape[0] - 1) / 2 + view.focal * (CAMERA_M - 0.75) / 6)
-        assert frame[row, column] == 0
 
 
 def test_the_image_is_cut_out_at_a_fraction_of_a_pixel():
