@@ -185,8 +185,6 @@ def count_until(
             f"counters are {counts.dtype} of shape {counts.shape}: give int32 or int64, 1-D"
         )
     _check_writeable(counts, "counters")
-    if not 1 <= budget <= _NO_LIMIT:
-        raise UsageError(f"budget of {budget} events: expected 1 to {_NO_LIMIT}")
     height, width = table.shape
     consumed, counted = count_slots(table.reshape(-1), width, x, y, counts, budget)
     if consumed == OFF_SENSOR:

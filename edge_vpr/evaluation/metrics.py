@@ -175,11 +175,6 @@ def precision_recall(
             f"recall denominator {recall_denominator!r} is unknown: choose from "
             f"{', '.join(get_args(RecallDenominator))}"
         )
-    if not (scores.shape == correct.shape == has_place.shape):
-        raise UsageError(
-            f"scores, correct and has_place have shapes {scores.shape}, {correct.shape} and "
-            f"{has_place.shape}: expected one entry per query"
-        )
     scores = np.where(np.isnan(scores), np.inf, scores)
     order = np.argsort(scores, kind="stable")
     ascending = scores[order]

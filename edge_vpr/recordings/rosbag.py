@@ -408,58 +408,39 @@ class _BoundedPath(type(Path())):  # type: ignore[misc]  # of the platform's own
         return _BoundedFile(file, os.fstat(file.fileno()).st_size)
 
 
-class Bag:
-    """ROS 1 bag, or folder or single file of a ROS 2 bag.
+@contextmanager
+def opened_bag(path: Path, ros: int) -> Iterator[Any]:
+    """Open a ROS 1 bag, or a folder or file of a ROS 2 bag, with rosbags.
 
-    Parameters
-    ----------
-    ros : {1, 2}
-        Version of ROS that wrote the bag.
-
-    Raises
-    ------
-    RecordingError
-        If a folder does not list its files.
+    Errors of its parsers become a RecordingError with a remedy.
     """
-
-    def __init__(self, path: Path, ros: int) -> None:
-        self.path, self.ros = path, ros
-        self._rosbags = import_extra(f"rosbags.rosbag{ros}", "a ROS bag", "rosbags", "ros")
-        if path.is_dir() and not (path / _LISTING).exists():
-            raise RecordingError(
-                f"{path} has no {_LISTING}: make it with ros2 bag reindex, or name one file of the "
-                "bag"
-            )
-
-    @contextmanager
-    def open(self) -> Iterator[Any]:
-        """Open the bag with rosbags."""
-        with self._rosbags.Reader(_BoundedPath(self.path)) as reader:
+    library = import_extra(f"rosbags.rosbag{ros}", "a ROS bag", "rosbags", "ros")
+    if path.is_dir() and not (path / _LISTING).exists():
+        raise RecordingError(
+            f"{path} has no {_LISTING}: make it with ros2 bag reindex, or name one file of the bag"
+        )
+    try:
+        with library.Reader(_BoundedPath(path)) as reader:
             yield reader
+    except (EdgeVprError, MemoryError, OSError):
+        raise
+    except Exception as error:
+        remedy = "rosbag reindex" if ros == 1 else "ros2 bag reindex"
+        if path.suffix == ".mcap":
+            remedy = f"mcap recover {path.name} -o NEW.mcap"
+        elif path.is_dir():
+            remedy += ", or name one file of the bag"
+        raise RecordingError(
+            f"{path} is cut off, damaged or no ROS {ros} bag ({' '.join(str(error).split())}): try "
+            f"{remedy}, or copy it again"
+        ) from error
 
-    def messages(self, reader: Any, topic: str) -> Iterator[bytes]:
-        """Yield the serialised messages of a topic."""
-        connections = [c for c in reader.connections if c.topic == topic]
-        for _, _, data in reader.messages(connections=connections):
-            yield bytes(data)
 
-    @contextmanager
-    def errors(self) -> Iterator[None]:
-        """Convert exceptions of rosbags' parsers to a RecordingError with a remedy."""
-        try:
-            yield
-        except (EdgeVprError, MemoryError, OSError):
-            raise
-        except Exception as error:
-            remedy = "rosbag reindex" if self.ros == 1 else "ros2 bag reindex"
-            if self.path.suffix == ".mcap":
-                remedy = f"mcap recover {self.path.name} -o NEW.mcap"
-            elif self.path.is_dir():
-                remedy += ", or name one file of the bag"
-            raise RecordingError(
-                f"{self.path} is cut off, damaged or no ROS {self.ros} bag "
-                f"({' '.join(str(error).split())}): try {remedy}, or copy it again"
-            ) from error
+def messages_of(reader: Any, topic: str) -> Iterator[bytes]:
+    """Yield the serialised messages of a topic."""
+    connections = [c for c in reader.connections if c.topic == topic]
+    for _, _, data in reader.messages(connections=connections):
+        yield bytes(data)
 
 
 #: Message types with one structure for each event, and those with a camera's own words.
@@ -475,14 +456,14 @@ class BagSource(Source):
     """
 
     def __init__(self, path: Path, options: ReadOptions) -> None:
-        self._bag = Bag(path, 1 if options.format == "rosbag1" else 2)
-        with self._bag.errors(), self._bag.open() as reader:
+        self._ros = 1 if options.format == "rosbag1" else 2
+        with opened_bag(path, self._ros) as reader:
             connection, self._layout = _choose(reader.connections, options.topic, path)
             self._topic = connection.topic
             self._packets = connection.msgtype in _PACKETS
             self._total = sum(c.msgcount for c in reader.connections if c.topic == self._topic)
-            first = next(self._bag.messages(reader, self._topic), None)
-            cursor = None if first is None else Cursor(first, self._bag.ros)
+            first = next(messages_of(reader, self._topic), None)
+            cursor = None if first is None else Cursor(first, self._ros)
             size, stamp_us = (None, None) if cursor is None else self._begin(cursor)
         super().__init__(path, options, size)
         if self._packets:
@@ -498,10 +479,10 @@ class BagSource(Source):
     def chunks(self, log: FaultLog) -> Iterator[Columns]:
         """Yield the events, a message at a time; see :class:`Source`."""
         packets = PacketDecoder()
-        with self._bag.errors(), self._bag.open() as reader:
-            for message, data in enumerate(self._bag.messages(reader, self._topic), 1):
+        with opened_bag(self.path, self._ros) as reader:
+            for message, data in enumerate(messages_of(reader, self._topic), 1):
                 try:
-                    cursor = Cursor(data, self._bag.ros)
+                    cursor = Cursor(data, self._ros)
                     self._begin(cursor)
                     if self._layout is not None:
                         columns = self._layout.read_events(cursor, self.options.time_unit, log)

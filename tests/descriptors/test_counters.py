@@ -145,9 +145,3 @@ COUNTS = np.zeros(2, dtype=np.int32)
 def test_arrays_that_do_not_fit_are_refused(arguments, message):
     with pytest.raises(UsageError, match=message):
         count_events(*arguments)
-
-
-@pytest.mark.parametrize("budget", [-1, 0, 1 << 63])
-def test_a_budget_of_no_event_is_refused(budget):
-    with pytest.raises(UsageError, match=f"budget of {budget} events"):
-        count_until(TABLE, X, X, COUNTS, budget)

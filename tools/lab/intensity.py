@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from edge_vpr.errors import RecordingError, UsageError
 from edge_vpr.recordings.reading import foreign_errors
-from edge_vpr.recordings.rosbag import Bag
+from edge_vpr.recordings.rosbag import messages_of, opened_bag
 from edge_vpr.simulation import SimulatedRecording
 
 Image = npt.NDArray[np.uint8]
@@ -104,8 +104,8 @@ class BagImages:
     """
 
     def __init__(self, path: Path) -> None:
-        self._bag = Bag(path, 1)
-        with self._bag.errors(), self._bag.open() as reader:
+        self._path = path
+        with opened_bag(path, 1) as reader:
             topics = {str(c.topic) for c in reader.connections if c.msgtype == _TYPE}
         if len(topics) != 1:
             raise RecordingError(
@@ -118,13 +118,13 @@ class BagImages:
         from rosbags.typesys import Stores, get_typestore
 
         store = get_typestore(Stores.ROS1_NOETIC)
-        with foreign_errors(self._bag.path), self._bag.errors(), self._bag.open() as reader:
-            for number, data in enumerate(self._bag.messages(reader, self._topic), 1):
+        with foreign_errors(self._path), opened_bag(self._path, 1) as reader:
+            for number, data in enumerate(messages_of(reader, self._topic), 1):
                 try:
                     frame = _frame(store.deserialize_ros1(data, _TYPE))
                 except Exception as error:  # rosbags raises exceptions of many kinds
                     raise RecordingError(
-                        f"{self._bag.path}: image {number:,} on {self._topic} cannot be read "
+                        f"{self._path}: image {number:,} on {self._topic} cannot be read "
                         f"({error}): record or copy the bag again"
                     ) from error
                 if frame.time_us >= _FIRST_STAMP_US:
