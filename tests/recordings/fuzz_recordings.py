@@ -1,6 +1,6 @@
 """Mutate recordings of every format and hold each reader to its promises.
 
-``python tests/recordings/fuzz_recordings.py --inputs 100_000`` runs for about an hour;
+``python tests/recordings/fuzz_recordings.py --inputs 100_000`` runs for an hour or two;
 `test_recordings_hostile.py` runs a few hundred inputs. Input i of a seed is always the same:
 ``--only i`` repeats one alone.
 
@@ -14,19 +14,18 @@ from __future__ import annotations
 
 import argparse
 import contextlib
-import json
 import os
 import resource
-import select
 import shutil
 import signal
 import sys
 import tempfile
-import time
 import traceback
 import warnings
 from collections import Counter
+from collections.abc import Callable
 from fractions import Fraction
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -37,7 +36,7 @@ from edge_vpr.recordings import WRITTEN, open_recording, write_recording
 from tests.recordings import recording_files as files
 
 SENSOR = Sensor(40, 30)
-MEMORY_BYTES, SECONDS, BATCH = 512 << 20, 60.0, 500
+MEMORY_BYTES, SECONDS = 512 << 20, 60
 #: of libraries that take the memory that a file claims, as SECURITY.md says
 TRUSTED_SUFFIXES = (".parquet", ".h5", ".hdf5")
 MOST_EVENTS = 300_000  #: read of one input; enough to see memory grow
@@ -192,56 +191,19 @@ def _change_digits(out: bytearray, at: int, rng: np.random.Generator) -> None:
     out[at:end] = words[int(rng.integers(len(words)))]
 
 
-class Mutants:
-    """Seeds with their mutations: input i is the same each time.
-
-    Parameters
-    ----------
-    seeds : Path
-        Folder of good recordings.
-    seed : int
-    """
-
-    def __init__(self, seeds: Path, seed: int) -> None:
-        self._seeds, self._seed = seeds, seed
-        self.names = sorted(path.name for path in seeds.iterdir())
-
-    def name(self, index: int) -> str:
-        """Name of the recording that input `index` is a mutation of."""
-        return self.names[index % len(self.names)]
-
-    def write(self, index: int, folder: Path) -> Path:
-        """Write input `index` into a folder, which is emptied first; its path."""
-        rng = np.random.default_rng([self._seed, index])
-        original = self._seeds / self.name(index)
-        recording = target = folder / original.name
-        shutil.rmtree(folder, ignore_errors=True)
-        folder.mkdir()
-        if original.is_dir():
-            shutil.copytree(original, recording)
-            inside = sorted(recording.iterdir())
-            target = inside[int(rng.integers(len(inside)))]
-        else:
-            shutil.copy(original, recording)
-        data = target.read_bytes()
-        target.write_bytes(mutate(data, rng))
-        return recording
-
-
-class Kept:
-    """Recordings as they are, in place of mutations."""
-
-    def __init__(self, paths: list[Path]) -> None:
-        self._paths = paths
-        self.names = [path.name for path in paths]
-
-    def name(self, index: int) -> str:
-        """Name of recording `index`."""
-        return self.names[index]
-
-    def write(self, index: int, folder: Path) -> Path:
-        """Path of recording `index`, where it lies."""
-        return self._paths[index]
+def write_mutant(original: Path, folder: Path, rng: np.random.Generator) -> Path:
+    """Write a mutation of a recording into a folder, which is emptied first; its path."""
+    recording = target = folder / original.name
+    shutil.rmtree(folder, ignore_errors=True)
+    folder.mkdir()
+    if original.is_dir():
+        shutil.copytree(original, recording)
+        inside = sorted(recording.iterdir())
+        target = inside[int(rng.integers(len(inside)))]
+    else:
+        shutil.copy(original, recording)
+    target.write_bytes(mutate(target.read_bytes(), rng))
+    return recording
 
 
 # --- the promises ---------------------------------------------------------------------------
@@ -324,87 +286,33 @@ def _check_error(error: EdgeVprError, path: Path) -> None:
 # --- the run --------------------------------------------------------------------------------
 
 
-def run_child(inputs: Mutants | Kept, folder: Path, indices: range, pipe: int) -> None:
-    """Check inputs in this process, and write a line before and after each."""
-    warnings.simplefilter("error")
-    warnings.simplefilter("ignore", EdgeVprWarning)
-    null = os.open(os.devnull, os.O_WRONLY)
-    os.dup2(null, 2)  # libraries print what they dislike
-    size = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
-    resource.setrlimit(resource.RLIMIT_AS, (size + MEMORY_BYTES, size + MEMORY_BYTES))
-    resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
-    for index in indices:
-        os.write(pipe, json.dumps([index, None]).encode() + b"\n")
+KINDS = ("accepted", "refused", "failed")
+
+
+def outcome_of(path_of: Callable[[], Path]) -> str:
+    """Check an input in a process of its own, within limits; print why it failed."""
+    child = os.fork()
+    if child == 0:
+        code = KINDS.index("failed")
         try:
-            outcome = check(inputs.write(index, folder))
+            warnings.simplefilter("error")
+            warnings.simplefilter("ignore", EdgeVprWarning)
+            null = os.open(os.devnull, os.O_WRONLY)
+            os.dup2(null, 2)  # libraries print what they dislike
+            size = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
+            resource.setrlimit(resource.RLIMIT_AS, (size + MEMORY_BYTES, size + MEMORY_BYTES))
+            resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
+            signal.alarm(SECONDS)  # ends the process
+            code = KINDS.index(check(path_of()))
         except Exception:
-            outcome = "failed: " + " | ".join(traceback.format_exc().split("\n"))[-1500:]
-        os.write(pipe, json.dumps([index, outcome]).encode() + b"\n")
-
-
-class Tally:
-    """How inputs went, in all and by name."""
-
-    def __init__(self, inputs: Mutants | Kept) -> None:
-        self._inputs = inputs
-        self.counts: Counter[str] = Counter()
-
-    def add(self, index: int, outcome: str) -> None:
-        """Count one input; print it if it failed."""
-        kind, name = outcome.split(":")[0], self._inputs.name(index)
-        self.counts.update((kind, f"{name} {kind}"))
-        if kind == "failed":
-            print(f"input {index} ({name}) {outcome}", flush=True)
-
-    def show(self) -> None:
-        """Print a line a name."""
-        for name in self._inputs.names:
-            print(f"{name:<16}", *(f"{self.counts[f'{name} {k}']:>7,} {k}" for k in KINDS))
-
-
-def run(inputs: Mutants | Kept, work: Path, indices: range, tally: Tally) -> None:
-    """Check all inputs in one child after another."""
-    while indices:
-        batch = indices[:BATCH]
-        reader, writer = os.pipe()
-        child = os.fork()
-        if child == 0:
-            with contextlib.suppress(BaseException):
-                run_child(inputs, work, batch, writer)
-            os._exit(0)
-        os.close(writer)
-        done = _listen(reader, child, tally)
-        os.close(reader)
-        if not done:
-            raise RuntimeError("a child ended before its first input")
-        indices = indices[done:]
-
-
-def _listen(reader: int, child: int, tally: Tally) -> int:
-    """Count what a child tells until it ends; how many inputs it dealt with."""
-    done, begun, left, death = 0, None, b"", ""
-    while True:
-        ready, _, _ = select.select([reader], [], [], SECONDS)
-        data = os.read(reader, 1 << 16) if ready else b""
-        if not ready:
-            os.kill(child, signal.SIGKILL)
-            death = f"took more than {SECONDS:g} s"
-        if not data:
-            break
-        *lines, left = (left + data).split(b"\n")
-        for line in lines:
-            index, outcome = json.loads(line)
-            begun = index
-            if outcome is not None:
-                done, begun = done + 1, None
-                tally.add(index, outcome)
-    _, status = os.waitpid(child, 0)
-    if begun is not None:
-        if os.WIFSIGNALED(status) and not death:
-            death = f"died of {signal.Signals(os.WTERMSIG(status)).name}"
-        tally.add(begun, f"failed: {death or 'ended'}")
-        done += 1
-    return done
+            print(traceback.format_exc()[-1500:], flush=True)
+        finally:
+            os._exit(code)
+    status = os.waitpid(child, 0)[1]
+    if os.WIFSIGNALED(status):
+        print(f"died of {signal.Signals(os.WTERMSIG(status)).name}")
+        return "failed"
+    return KINDS[os.WEXITSTATUS(status)]
 
 
 def warm_up(seeds: Path) -> None:
@@ -434,22 +342,30 @@ def main() -> int:
             os._exit(0)
         if os.waitpid(maker, 0)[1]:
             return 1
-        inputs = Kept(args.files) if args.files else Mutants(seeds, args.seed)
+        originals = args.files or sorted(seeds.iterdir())
+
+        def path_of(index: int) -> Path:
+            if args.files:
+                return args.files[index]
+            rng = np.random.default_rng([args.seed, index])
+            return write_mutant(originals[index % len(originals)], work, rng)
+
         if args.only is not None:
-            print(check(inputs.write(args.only, work)))
+            print(check(path_of(args.only)))
             return 0
         warm_up(seeds)
-        begin = time.monotonic()
-        indices = range(len(args.files) if args.files else args.inputs)
-        tally = Tally(inputs)
-        run(inputs, work, indices, tally)
-        tally.show()
-        total = ", ".join(f"{tally.counts[kind]:,} {kind}" for kind in KINDS)
-        print(f"{len(indices):,} inputs in {time.monotonic() - begin:.0f} s: {total}")
-    return 1 if tally.counts["failed"] else 0
+        counts = Counter[tuple[str, str]]()
+        for index in range(len(args.files or range(args.inputs))):
+            kind, name = outcome_of(partial(path_of, index)), originals[index % len(originals)].name
+            counts[name, kind] += 1
+            if kind == "failed":
+                print(f"input {index} ({name}) failed", flush=True)
+    for name in sorted({name for name, _ in counts}):
+        print(f"{name:<16}", *(f"{counts[name, kind]:>7,} {kind}" for kind in KINDS))
+    of_all = {kind: sum(n for (_, each), n in counts.items() if each == kind) for kind in KINDS}
+    print(f"{counts.total():,} inputs:", ", ".join(f"{n:,} {kind}" for kind, n in of_all.items()))
+    return 1 if of_all["failed"] else 0
 
-
-KINDS = ("accepted", "refused", "failed")
 
 if __name__ == "__main__":
     sys.exit(main())
