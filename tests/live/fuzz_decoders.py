@@ -20,6 +20,7 @@ from edge_vpr.live.stream_matcher import StreamMatcher
 from edge_vpr.online.schedule import MatchSchedule
 from edge_vpr.settings import Settings
 from tests.live.devices import DEVICES
+from tests.live.line_faults import corrupt
 from tests.streams import balanced, map_of_counts
 
 #: a host, and a device that it may listen to: those of all tests, and what else is worth a run
@@ -29,6 +30,7 @@ PAIRS = (
     ("evpr", "evpr:width=3,frame=100"),
 )
 SENSOR = Sensor(128, 128)
+FAULTS = ("flip", "drop", "insert", "repeat", "truncate", "noise")
 #: bytes that no decoder keeps
 MOST_PENDING = 36_000
 #: one input takes a millisecond or so; an endless loop, or one that grows, takes longer
@@ -36,23 +38,6 @@ MOST_SECONDS = 10.0
 #: one input in so many is matched as well, which takes longer
 MATCHED = 400
 _STEPS_US = (0, 1, 50, 5_000, 900_000, 2_000_000, 70_000_000, 599_000_000)
-
-
-class Seeded:
-    """Choices of a generator."""
-
-    def __init__(self, rng: np.random.Generator) -> None:
-        self._rng = rng
-
-    def integer(self, low, high):
-        """A whole number, `high` included."""
-        return int(self._rng.integers(low, high + 1))
-
-    def bytes(self, n):
-        """`n` bytes, of all values or of few."""
-        if self._rng.random() < 0.3:
-            return self._rng.choice(np.frombuffer(b"\0\xff\xaa\xd5\x80", np.uint8), n).tobytes()
-        return self._rng.bytes(n)
 
 
 @cache
@@ -85,55 +70,50 @@ def rehearsed(host):
     rehearse(host, SENSOR, a_map(), MatchSchedule(interval_us=500), odometry=False, state=False)
 
 
-def damaged(data, choose):
-    """Return bytes with up to six faults."""
-    data = bytearray(data)
-    for _ in range(choose.integer(0, 6)):
-        at, n = choose.integer(0, len(data)), choose.integer(1, 12)
-        what = choose.integer(0, 5)
-        if what == 0 and at < len(data):
-            data[at] ^= 1 << choose.integer(0, 7)
-        elif what == 1:
-            del data[at : at + n]
-        elif what == 2:
-            data[at:at] = choose.bytes(n)
-        elif what == 3:
-            data[at : at + n] = choose.bytes(n)
-        elif what == 4:  # a read that comes twice
-            data[at:at] = data[max(0, at - 40) : at]
-        elif what == 5:
-            del data[at:]
-    return bytes(data)
+def some_bytes(rng):
+    """Up to 600 bytes, of all values or of few."""
+    n = int(rng.integers(601))
+    if rng.random() < 0.3:
+        return rng.choice(np.frombuffer(b"\0\xff\xaa\xd5\x80", np.uint8), n).tobytes()
+    return rng.bytes(n)
 
 
-def one_input(pair, choose):
+def damaged(data, rng):
+    """Return bytes after what up to six kinds of faults have left of them."""
+    for kind in rng.choice(FAULTS, int(rng.integers(7))):
+        if data:
+            data, _ = corrupt(rng, data, kind, 10 ** rng.uniform(-4, -2))
+    return data
+
+
+def one_input(pair, rng):
     """Feed one stream to a decoder; raise AssertionError if a promise is broken."""
     host, device = pair
     rehearsed(host)
     began = time.process_time()
-    matched = choose.integer(1, MATCHED) == 1
-    small = Sensor(choose.integer(1, 128), choose.integer(1, 128))
+    matched = rng.integers(MATCHED) == 0
+    small = Sensor(*rng.integers(1, 129, 2).tolist())
     sensor = SENSOR if matched else small
     decoder = open_decoder(host, sensor)
     live = None
     if matched:
         live = StreamMatcher(decoder, a_map(), MatchSchedule(interval_us=500))
     now = received = 0
-    for _ in range(choose.integer(1, 5)):
-        what = choose.integer(0, 9)
+    for _ in range(int(rng.integers(1, 6))):
+        what = rng.integers(10)
         if what == 0:
-            lost = choose.integer(0, 1 << 16)
+            lost = int(rng.integers(1 << 16))
             now = checked(decoder, decoder.gap(lost), sensor, now)
             continue
         if what == 1:
-            data = choose.bytes(choose.integer(0, 600))
+            data = some_bytes(rng)
         elif what == 2:  # what another device sends
-            others = PAIRS[choose.integer(0, len(PAIRS) - 1)][1]
-            data = good_streams(others)[choose.integer(0, 39)]
+            _, other = PAIRS[rng.integers(len(PAIRS))]
+            data = good_streams(other)[rng.integers(40)]
         else:
-            data = damaged(good_streams(device)[choose.integer(0, 39)], choose)
+            data = damaged(good_streams(device)[rng.integers(40)], rng)
         received += len(data)
-        host_us = choose.integer(0, 1 << 40)
+        host_us = int(rng.integers(1 << 40))
         if live is None:
             now = checked(decoder, decoder.feed(data, host_us), sensor, now)
         else:
@@ -177,7 +157,7 @@ def main() -> None:
         start, share = time.monotonic(), -(-args.inputs // protocols.count(protocol))
         for seed in range(args.seed, args.seed + share):
             try:
-                one_input(pair, Seeded(np.random.default_rng([number, seed])))
+                one_input(pair, np.random.default_rng([number, seed]))
             except Exception:
                 print(f"{pair[0]}, a device of {pair[1]}: seed {seed}", flush=True)
                 raise

@@ -126,7 +126,8 @@ def corrupt(rng: np.random.Generator, data: bytes, kind: str, rate: float) -> tu
         Of each received byte, where it was sent from; -1 for one that was not sent, or twice.
     """
     raw, origin = np.frombuffer(data, dtype=np.uint8).copy(), np.arange(len(data))
-    at = np.sort(rng.choice(raw.size, max(1, rng.poisson(rate * raw.size)), replace=False))
+    number = min(raw.size, max(1, rng.poisson(rate * raw.size)))
+    at = np.sort(rng.choice(raw.size, number, replace=False))
     if kind == "flip":
         raw[at] ^= (1 << rng.integers(0, 8, at.size)).astype(np.uint8)
         origin[at] = -1

@@ -28,26 +28,11 @@ from edge_vpr.live.reader import Chunk, LinkReader
 from tests.live.devices import Clock, Pipe, bytes_waiting, play, send_all, wait_until
 
 
-class Script(Link):
-    """A link that gives prepared pieces and then ends."""
-
-    def __init__(self, pieces, live=True):
-        super().__init__("script")
-        self.pieces, self.live, self.closed = list(pieces), live, False
-        self.pause_before, self.read_so_far = {}, 0
-
-    def read(self, timeout):
-        if not self.pieces:
-            raise LinkClosed("script has ended")
-        time.sleep(self.pause_before.get(self.read_so_far, 0))
-        self.read_so_far += 1
-        return self.pieces.pop(0)
-
-    def write(self, data, timeout):
-        return len(data)
-
-    def close(self):
-        self.closed = True
+def ended(*pieces, live=True):
+    """A link that gives these pieces, and then ends."""
+    pipe = Pipe()
+    pipe.live, pipe.error, pipe.waiting = live, LinkClosed("pipe has ended"), list(pieces)
+    return pipe
 
 
 def drained(reader):
@@ -62,29 +47,30 @@ def drained(reader):
 def test_a_late_reader_gets_the_newest_bytes_and_is_told_how_many_are_gone(monkeypatch):
     monkeypatch.setattr(reader_module, "BUFFER_BYTES", 1_000)
     sent = [bytes([i]) * 100 for i in range(50)]
-    link = Script(sent)
-    reader = LinkReader(lambda: link, max_lag_s=60)
+    reader = LinkReader(lambda: ended(*sent), max_lag_s=60)
     reader._thread.join()
     pieces = drained(reader)
     assert b"".join(piece.data for piece in pieces) == b"".join(sent[-10:])
     assert sum(piece.dropped for piece in pieces) == 4_000
     assert pieces[0].dropped == 4_000
-    assert link.closed
 
 
 def test_what_has_waited_too_long_is_dropped_however_little_it_is():
-    link = Script([b"old", b"older still", b"new"])
-    link.pause_before = {2: 0.2}
-    reader = LinkReader(lambda: link, max_lag_s=0.1)
+    pipe = ended(b"old", b"older still")
+    pipe.error, error = None, pipe.error
+    reader = LinkReader(lambda: pipe, max_lag_s=0.1)
+    time.sleep(0.2)
+    pipe.error = error
+    pipe.fill(b"new")
     reader._thread.join()
     assert [(p.data, p.dropped) for p in drained(reader)] == [(b"new", 14)]
 
 
 def test_a_host_that_was_late_takes_all_that_waits_but_never_across_a_loss():
-    reader = LinkReader(lambda: Script([b"ab", b"cd", b"ef"]), drop=False)
+    reader = LinkReader(lambda: ended(b"ab", b"cd", b"ef"), drop=False)
     reader._thread.join()
     assert [piece.data for piece in drained(reader)] == [b"abcdef"]
-    reader = LinkReader(lambda: Script([]))
+    reader = LinkReader(ended)
     reader._thread.join()
     pieces = [Chunk(b"a", 0.0), Chunk(b"b", 0.0), Chunk(b"c", 0.0, 7), Chunk(b"d", 0.0, 0, True)]
     for piece in pieces:
@@ -96,7 +82,7 @@ def test_a_host_that_was_late_takes_all_that_waits_but_never_across_a_loss():
 def test_a_link_that_can_wait_loses_nothing_to_a_late_reader(monkeypatch):
     monkeypatch.setattr(reader_module, "BUFFER_BYTES", 1_000)
     sent = [bytes([i]) * 100 for i in range(50)]
-    reader = LinkReader(lambda: Script(sent, live=False))
+    reader = LinkReader(lambda: ended(*sent, live=False))
     wait_until(lambda: reader._held == 1_000)
     pieces = drained(reader)
     assert b"".join(piece.data for piece in pieces) == b"".join(sent)
@@ -291,10 +277,10 @@ def test_what_the_ports_driver_counts_as_damaged_is_told(monkeypatch):
 
 
 def test_damage_counted_by_the_system_is_added_up_over_links():
-    links = [Script([b"one"]), Script([b"two"])]
+    links = [ended(b"one"), ended(b"two")]
     for link, errors in zip(links, (2, 3), strict=True):
         link.line_errors = lambda errors=errors: errors
-    reader = LinkReader(lambda: links.pop(0) if links else Script([]), retry=True)
+    reader = LinkReader(lambda: links.pop(0) if links else ended(), retry=True)
     wait_until(lambda: reader.take(0) is None and reader.line_errors == 5)
     reader.stop()
 
