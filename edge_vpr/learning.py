@@ -82,13 +82,6 @@ class MapUpdate:
         )
 
 
-class _Learnt(NamedTuple):
-    """Mean code of each place over its drives in units of 1/256, and the number of those drives."""
-
-    mean: npt.NDArray[np.int32]
-    drives: npt.NDArray[np.uint8]
-
-
 def learn_drive(
     reference: ReferenceMap,
     counted: Descriptors,
@@ -152,8 +145,13 @@ def _averaged(
     learnt: npt.NDArray[np.bool_],
 ) -> ReferenceMap:
     """Return a map with the codes of a drive averaged into those of the places that it shows."""
-    before = _learnt_before(reference)
-    weight = np.minimum(before.drives, MOST_DRIVES).astype(np.int64)
+    places = reference.places
+    # mean code of each place over its drives, and their number
+    before, drives = reference.learnt_mean, reference.drives
+    if before is None or drives is None:
+        before = places.counts.astype(np.int32) << FRACTION_BITS
+        drives = np.ones(len(places), dtype=np.uint8)
+    weight = np.minimum(drives, MOST_DRIVES).astype(np.int64)
     code, initial = reference.contrast_code, reference.mean
     if code is None or initial is None:
         fine = reference.coded(counted).counts.astype(np.int64) << FRACTION_BITS
@@ -166,10 +164,9 @@ def _averaged(
         both = initial.astype(np.int64) * most + own
         initial = _rounded(both, most + 1).astype(np.int32)
     seen = _mean_by_place(fine, place, len(reference))
-    total = before.mean.astype(np.int64) * weight[:, None] + seen
+    total = before.astype(np.int64) * weight[:, None] + seen
     averaged = _rounded(total, weight[:, None] + 1)
-    mean = np.where(learnt[:, None], averaged, before.mean).astype(np.int32)
-    places = reference.places
+    mean = np.where(learnt[:, None], averaged, before).astype(np.int32)
     # as many events as in a drive that is as bright and as fast as the reference
     events = reference.counted_events(counted)
     of_map, of_drive = activity_of_drive(places.counted_events), activity_of_drive(events)
@@ -186,7 +183,7 @@ def _averaged(
         ),
         mean=initial,
         learnt_mean=mean,
-        drives=np.minimum(before.drives + learnt, MOST_DRIVES).astype(np.uint8),
+        drives=np.minimum(drives + learnt, MOST_DRIVES).astype(np.uint8),
         confidence=None,
     )
 
@@ -343,10 +340,3 @@ def _rounded(
 ) -> npt.NDArray[np.int64]:
     """Divide whole numbers, rounded to the nearest."""
     return (2 * total + number) // (2 * number)
-
-
-def _learnt_before(reference: ReferenceMap) -> _Learnt:
-    if reference.learnt_mean is not None and reference.drives is not None:
-        return _Learnt(reference.learnt_mean, reference.drives)
-    mean = reference.places.counts.astype(np.int32) << FRACTION_BITS
-    return _Learnt(mean, np.ones(len(reference), dtype=np.uint8))
