@@ -133,17 +133,8 @@ LIMIT_BYTES = 1 << 26
 # Choice of one of the streams of a file, by its name or its number.
 
 
-class Wording(NamedTuple):
-    """What messages call the streams."""
-
-    #: one, several: ``"camera"`` and ``"cameras"``, for example.
-    one: str
-    several: str
-    remedy: str  #: What to do if there is none.
-
-
 def choose_stream(
-    path: Path, names: Mapping[int, str], wanted: str | None, wording: Wording
+    path: Path, names: Mapping[int, str], wanted: str | None, what: str, remedy: str
 ) -> int:
     """Return the number of the one stream, or of that which is wanted.
 
@@ -153,6 +144,8 @@ def choose_stream(
         Names of the streams by their numbers.
     wanted : str, optional
         Name or number of the stream.
+    what, remedy : str
+        What messages call a stream, and what to do if there is none.
 
     Raises
     ------
@@ -165,11 +158,11 @@ def choose_stream(
     listed = ", ".join(f"{number} ({name})" for number, name in names.items()) or "none"
     if not numbers:
         raise RecordingError(
-            f"{path} has no {wording.one}{f' {wanted!r}' if wanted else ''}; it has: {listed}: "
-            f"{wording.remedy}, or choose one of these with topic="
+            f"{path} has no {what}{f' {wanted!r}' if wanted else ''}; it has: {listed}: {remedy}, "
+            "or choose one of these with topic="
         )
     if len(numbers) > 1:
-        raise UsageError(f"{path} has several {wording.several}, {listed}: choose with topic=")
+        raise UsageError(f"{path} has several {what}s, {listed}: choose with topic=")
     return numbers[0]
 
 
@@ -184,7 +177,6 @@ def choose_stream(
 _POLARITY = 1
 _AEDAT3_MAGIC = b"#!AER-DAT3.1\r\n"
 _END = b"#!END-HEADER\r\n"
-_CAMERAS = Wording("camera", "cameras", "copy it again")
 _LONGEST_LINE, _LONGEST_AEDAT3_HEADER = 1 << 16, 1 << 22
 _HEADER = np.dtype(
     [("type", "<i2"), ("source", "<i2"), ("size", "<i4"), ("time_at", "<i4"), ("wraps", "<i4"),
@@ -192,14 +184,9 @@ _HEADER = np.dtype(
 )  # fmt: skip
 
 
-class PacketSource(Source):
-    """Source of a file of packets."""
-
-    def _damaged(self, at: int, why: object) -> RecordingError:
-        """Return the error for a packet that cannot be read."""
-        return RecordingError(
-            f"{self.path} is damaged in the packet at byte {at:,} ({why}): copy it again"
-        )
+def _damaged(path: Path, at: int, why: object) -> RecordingError:
+    """Return the error for a packet that cannot be read."""
+    return RecordingError(f"{path} is damaged in the packet at byte {at:,} ({why}): copy it again")
 
 
 # Polarity events of AEDAT 3.1; column 0, row 0 is the upper left pixel (``polarity.h``).
@@ -208,7 +195,7 @@ class PacketSource(Source):
 _AEDAT3_EVENT = np.dtype([("data", "<u4"), ("t", "<i4")])
 
 
-class Aedat3Source(PacketSource):
+class Aedat3Source(Source):
     """Source of the events of one camera; times are those of its clock.
 
     The 32 bits of an event are column, row (15 bits each), polarity and validity. Events that the
@@ -230,7 +217,7 @@ class Aedat3Source(PacketSource):
                 "to AEDAT 4"
             )
         self._size = path.stat().st_size
-        self._camera = choose_stream(path, cameras, options.topic, _CAMERAS)
+        self._camera = choose_stream(path, cameras, options.topic, "camera", "copy it again")
         super().__init__(path, options, chip_size(cameras[self._camera]))
 
     def chunks(self, log: FaultLog) -> Iterator[Columns]:
@@ -256,7 +243,8 @@ class Aedat3Source(PacketSource):
                 fields = np.frombuffer(head, _HEADER)[0]
                 event_bytes, number = int(fields["size"]), int(fields["number"])
                 if event_bytes <= 0 or number < 0 or fields["wraps"] < 0 or fields["type"] < 0:
-                    raise self._damaged(
+                    raise _damaged(
+                        self.path,
                         at,
                         f"{number} events of {event_bytes} bytes, type {fields['type']}, "
                         f"{fields['wraps']} wraps",
@@ -267,11 +255,11 @@ class Aedat3Source(PacketSource):
                     return
                 if (fields["type"], fields["source"]) == (_POLARITY, self._camera):
                     if length > LIMIT_BYTES:
-                        raise self._damaged(
-                            at, f"it claims {length:,} bytes, and the most is {LIMIT_BYTES:,}"
+                        raise _damaged(
+                            self.path, at, f"it claims {length:,} bytes, of {LIMIT_BYTES:,} at most"
                         )
                     if event_bytes != _AEDAT3_EVENT.itemsize:
-                        raise self._damaged(at, f"events of {event_bytes} bytes")
+                        raise _damaged(self.path, at, f"events of {event_bytes} bytes")
                     yield int(fields["wraps"]) << 31, file.read(length)
                 else:
                     file.seek(length, 1)
@@ -370,10 +358,6 @@ def _streams(info: str) -> dict[int, Stream]:
 PIECE_BYTES = 1 << 20
 
 
-class DecompressionError(ValueError):
-    """Compressed data is damaged, cut off, or expands to more than the limit."""
-
-
 def _decompressor(kind: int, path: Path) -> Callable[[bytes], bytes]:
     """Return a function that decompresses LZ4 or Zstandard frames, or bytes as they are."""
     if kind == 0:
@@ -402,7 +386,7 @@ def expand(new: Callable[[], Any], data: bytes, errors: tuple[type[Exception], .
 
     Raises
     ------
-    DecompressionError
+    ValueError
         If the data is damaged, cut off, or expands to more than the limit.
     """
     parts, size, rest = list[bytes](), 0, data
@@ -410,17 +394,17 @@ def expand(new: Callable[[], Any], data: bytes, errors: tuple[type[Exception], .
         frame = new()
         while not frame.eof:
             if frame.needs_input and not rest:
-                raise DecompressionError("the compressed data is cut off")
+                raise ValueError("the compressed data is cut off")
             try:
                 part = frame.decompress(rest, max_length=min(PIECE_BYTES, LIMIT_BYTES + 1 - size))
             except errors as error:
-                raise DecompressionError(str(error)) from error
+                raise ValueError(str(error)) from error
             rest = b""  # the decompressor keeps the bytes that it has not used
             size += len(part)
             if size > LIMIT_BYTES:
-                raise DecompressionError(f"it expands to more than {LIMIT_BYTES:,} bytes")
+                raise ValueError(f"it expands to more than {LIMIT_BYTES:,} bytes")
             if not (part or frame.eof or frame.needs_input):
-                raise DecompressionError("the compressed data gives nothing")
+                raise ValueError("the compressed data gives nothing")
             parts.append(part)
         rest = frame.unused_data
     return b"".join(parts)
@@ -439,7 +423,7 @@ _AEDAT4_EVENT = np.dtype(
 )
 
 
-class Aedat4Source(PacketSource):
+class Aedat4Source(Source):
     """Source of the events of one stream; times are microseconds since 1970."""
 
     def __init__(self, path: Path, options: ReadOptions) -> None:
@@ -466,8 +450,7 @@ class Aedat4Source(PacketSource):
         self._end = table if self._start <= table <= file_size else file_size
         self._decompress = _decompressor(compression, path)
         names = {number: each.name for number, each in streams.items() if each.kind == "EVTS"}
-        wording = Wording("stream of events", "streams of events", "record events")
-        self._stream = choose_stream(path, names, options.topic, wording)
+        self._stream = choose_stream(path, names, options.topic, "event stream", "record events")
         super().__init__(path, options, streams[self._stream].sensor)
 
     def chunks(self, log: FaultLog) -> Iterator[Columns]:
@@ -476,7 +459,7 @@ class Aedat4Source(PacketSource):
             try:
                 events = _events(self._decompress(packet))
             except (RuntimeError, ValueError, struct.error, IndexError) as error:
-                raise self._damaged(at, error) from error
+                raise _damaged(self.path, at, error) from error
             columns = Columns(events["t"], events["x"], events["y"], events["p"] != 0)
             yield from in_chunks(columns, self.options.chunk_events)
 
@@ -493,9 +476,8 @@ class Aedat4Source(PacketSource):
                     return
                 if stream == self._stream:
                     if size > LIMIT_BYTES:
-                        raise RecordingError(
-                            f"{self.path} is damaged: the packet at byte {at:,} claims {size:,} "
-                            f"bytes, and the most is {LIMIT_BYTES:,}: copy it again"
+                        raise _damaged(
+                            self.path, at, f"it claims {size:,} bytes, of {LIMIT_BYTES:,} at most"
                         )
                     yield at, file.read(size)
                 else:

@@ -381,7 +381,7 @@ def test_aedat4_with_two_cameras_asks_which(tmp_path):
     )
     with pytest.raises(UsageError, match=r"0 \(left\), 3 \(right\): choose with topic="):
         open_recording(path)
-    with pytest.raises(RecordingError, match="no stream of events 'up'"):
+    with pytest.raises(RecordingError, match="no event stream 'up'"):
         open_recording(path, topic="up")
     events, recording = absolute(path, topic="left")
     assert events.tolist() == [(5, 1, 2, True), (7, 3, 4, True)]
