@@ -17,20 +17,6 @@ from tests.live.devices import Clock
 Street = tuple[Path, Events, Track]
 
 
-def street_of(folder: Path, length_m: float) -> Street:
-    """Write map.npz with positions and default settings, and query.npz of another drive.
-
-    Returns
-    -------
-    Path, Events, Track
-        Of the map; and those of the other drive.
-    """
-    first, second = simulate_pair(seed=0, length_m=length_m)
-    ReferenceMap.build(first, track=first.track).save(folder / "map.npz")
-    write_recording(folder / "query.npz", second)
-    return folder / "map.npz", join_events(list(second)), second.track
-
-
 @pytest.fixture
 def clock(monkeypatch: pytest.MonkeyPatch) -> Clock:
     """The time of live sessions, which goes on when the test says so."""
@@ -48,5 +34,9 @@ def greets_once(monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.fixture(scope="session")
 def street(tmp_path_factory: pytest.TempPathFactory) -> Street:
-    """A street of 200 m."""
-    return street_of(tmp_path_factory.mktemp("street"), 200.0)
+    """A folder's map.npz of a street of 200 m, with query.npz of another drive; this drive."""
+    folder = tmp_path_factory.mktemp("street")
+    first, second = simulate_pair(seed=0, length_m=200.0)
+    ReferenceMap.build(first, track=first.track).save(folder / "map.npz")
+    write_recording(folder / "query.npz", second)
+    return folder / "map.npz", join_events(list(second)), second.track

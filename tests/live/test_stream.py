@@ -39,7 +39,7 @@ from tests.live.devices import (
     sent_by,
     wait_until,
 )
-from tests.streams import Drive, matched_live, random_events, read_events, split_events
+from tests.streams import Drive, random_events, read_events, split_events
 
 SENSOR = Sensor(64, 48)
 
@@ -82,60 +82,12 @@ def streamed(run):
     return lambda *words, code=0: run("stream", "--protocol", "evpr", *words, code=code)
 
 
-def played(port, protocol, folder, **how):
-    """A camera that replays the query."""
-    recording = open_recording(folder / "query.npz", chunk_events=1_000)
-    return play(recording, SENSOR, protocol, port, **how)
-
-
-@pytest.mark.usefixtures("greets_once")
-@pytest.mark.parametrize(
-    ("port", "protocol"),
-    [
-        ("virtual", "evpr"),
-        ("virtual", "edvs"),
-        ("virtual", "evt3"),
-        ("tcp://127.0.0.1:0", "evpr:width=3"),
-        ("tcp://127.0.0.1:0", "evt2"),
-    ],
-)
-def test_live_matches_are_the_offline_ones_to_the_bit(
-    port, protocol, drive, reference, tmp_path, request, run
-):
-    if port == "virtual":
-        request.getfixturevalue("any_baud")
-    address, bridge, thread = played(port, protocol, drive)
-    host = protocol.partition(":")[0]
-    log, raw = tmp_path / "run.jsonl", tmp_path / "raw.bin"
-    words = ["stream", "--port", address, "--protocol", host, "--map", drive / "map.npz", "--once"]
-    words += ["--every", "event", "--log", log, "--record", raw]
-    run(*words, "--on-overload", "wait", "--max-age", "60s", "--baud", "12000000")
-    thread.join()
-    assert bridge.sent_events == 40_000
-    recorded = read_events(drive / "query.npz")
-    if not protocol.startswith("evpr"):
-        recorded.t -= recorded["t"][0]
-    expected = matched_live(reference, Drive(recorded, SENSOR), MatchSchedule(events=1))
-    assert expected.size > 100
-    rows = rows_of(log, "match")
-    assert not any(row["missing"] for row in rows)
-    # null in JSON where they are not a number
-    unknown = ("ratio", "probability", "second_distance")
-    for name in set(expected.dtype.names) - {"ties"}:  # which files have alone
-        column = np.array([row[name.replace("_us", "_s")] for row in rows])
-        column = column.astype(float) if name in unknown else column
-        wanted = expected[name] / 1e6 if name.endswith("_us") else expected[name]
-        assert np.array_equal(column, wanted, equal_nan=name in unknown), name
-    (summary,) = rows_of(log, "summary")
-    assert (summary["events"], summary["lost"], summary["resyncs"]) == (40_000, 0, 0)
-    assert summary["bytes"] == raw.stat().st_size
-
-
 def test_what_a_bad_line_loses_is_counted_and_the_matches_around_it_are_flagged(
     drive, tmp_path, streamed
 ):
     faults = LineFaults.parse("drop=1e-4,flip=1e-5,insert=1e-5,garbage=500")
-    address, _, thread = played("tcp://127.0.0.1:0", "evpr:frame=256", drive, faults=faults)
+    recording = open_recording(drive / "query.npz", chunk_events=1_000)
+    address, _, thread = play(recording, SENSOR, "evpr:frame=256", faults=faults)
     log = tmp_path / "run.jsonl"
     words = ["--port", address, "--map", drive / "map.npz", "--once", "--log", log]
     streamed(*words, "--on-overload", "wait", "--every", "10ms")
