@@ -265,13 +265,11 @@ def play(
     pieces: Iterable[Events],
     sensor: Sensor,
     device: str = "evpr",
-    port: str = "tcp://127.0.0.1:0",
-    speed: float = 0.0,
     faults: LineFaults | None = None,
 ) -> Playing:
-    """Send pieces of a recording as a device, at once or at a speed."""
-    link = open_device_link(port)
-    bridge = Bridge(link, open_encoder(device, sensor), speed=speed, faults=faults)
+    """Send pieces of a recording as a device, as fast as the host takes them."""
+    link = open_device_link("tcp://127.0.0.1:0")
+    bridge = Bridge(link, open_encoder(device, sensor), speed=0, faults=faults)
 
     def run() -> None:
         with contextlib.closing(link):

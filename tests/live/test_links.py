@@ -243,19 +243,6 @@ def test_a_serial_port_is_read_in_whole_pieces_and_ends_when_its_other_side_does
     host.close()
 
 
-def test_a_reader_that_waits_is_woken_by_the_first_byte():
-    device = open_device_link("virtual")
-    host = open_link(device.address)
-    late = threading.Timer(0.1, device.write, (b"x", 1))
-    late.start()
-    begin = time.monotonic()
-    assert host.read(60) == b"x"
-    assert time.monotonic() - begin < 50
-    late.join()
-    host.close()
-    device.close()
-
-
 def test_what_the_ports_driver_counts_as_damaged_is_told(monkeypatch):
     counted, real = {"framing": 3, "overrun": 5, "parity": 7, "buffer": 11}, fcntl.ioctl
 
