@@ -2,16 +2,10 @@
 
 from __future__ import annotations
 
-from types import SimpleNamespace
-
 import numpy as np
 import pytest
 from lab.codes import TableCode
 from lab.drives import open_pairs
-from lab.experiments import codes
-from lab.loop import Draw
-
-from edge_vpr.settings import PRESETS
 
 #: counts of 8 bits
 RAW = ("linear", 8)
@@ -53,23 +47,3 @@ def test_the_figures_quoted_for_brisbane_are_those_of_this_code(scores_by_pair):
         ("log", 3): 0.824,
         ("log, per-pixel", 1): 0.730,
     }
-
-
-def test_every_code_is_a_row_and_is_drawn():
-    values = iter(np.linspace(0.2, 0.9, 1000))
-    mapped = SimpleNamespace(
-        coded=lambda changes, code: SimpleNamespace(correct=lambda: next(values))
-    )
-    settings = PRESETS["tiny"]
-    pair = SimpleNamespace(
-        settings=settings, drawn_with=lambda seed: settings, mapped=lambda settings: mapped
-    )
-    rows = [{"drives": "pair", **row} for row in codes.measure(Draw(pair, 0, True))]
-    bits = len(codes.BITS)
-    names = list(dict.fromkeys(row["code"] for row in rows))
-    assert len(rows) == len(names) * bits == 6 * bits
-    (axes,) = codes.figure(rows).axes
-    assert [bars.get_label() for bars in axes.containers] == names
-    drawn = axes.containers[0].lines[0].get_ydata().tolist()
-    assert drawn == [row["P@100R"] for row in rows[:bits]]
-    assert [row["bytes per place"] for row in rows[:bits]] == [4, 7, 10, 13, 19, 25]

@@ -14,7 +14,7 @@ from functools import partial
 import pytest
 from lab.__main__ import main
 from lab.experiments import EXPERIMENTS, fixed_number, rivals
-from lab.loop import Drives, Experiment, open_experiment, run_trial, trials_of
+from lab.loop import DRIVES, Drives, Experiment, open_experiment, run_trial, trials_of
 from lab.plots import dots
 
 from edge_vpr.simulation import simulate_pair
@@ -82,6 +82,9 @@ def test_an_experiment_runs_on_its_smallest_drives(name, walks, monkeypatch):
     assert all(set(experiment.names) <= row.keys() for row in rows)
     measured = set().union(*rows) - {*experiment.names, "drives"}
     assert any(isinstance(row.get(each), float) for row in rows for each in measured)
+    if experiment.figure is not None:
+        drawing = experiment.figure([{DRIVES: trial.drives, **row} for row in rows])
+        assert drawing.axes
 
 
 def test_the_command_runs_on_processes_and_makes_the_published_table(tmp_path):

@@ -274,10 +274,8 @@ def test_the_filter_with_the_default_constants_is_the_default():
     places = sensitivity.match_with(drive, sensitivity.Constants())
     assert np.array_equal(places, drive.coded(robot).match().place)
     for constant in sensitivity.VARIED:
-        times = 1 / 64 if constant == "doubted" else 0.25
-        other = sensitivity.match_with(drive, sensitivity.Constants(**{constant: times}))
-        changed = not np.array_equal(other, places)
-        assert changed or constant == "cap", constant
+        other = sensitivity.match_with(drive, sensitivity.Constants(**{constant: 0.25}))
+        assert not np.array_equal(other, places), constant
     restart = sensitivity.match_with(drive, sensitivity.Constants(restart=0.5))
     assert np.array_equal(restart, drive.coded({**robot, "filter_restart": 8}).match().place)
 

@@ -815,12 +815,6 @@ def test_a_profile_is_read_back_as_it_was_written(profile):
         assert from_json(Profile, written).energy == one
 
 
-def test_a_profile_with_fields_that_are_no_longer_written_is_read(profile):
-    """Designs and few pixels against all, which profiles held before."""
-    values = json.loads((profile / "profile.json").read_text())
-    assert from_json(Profile, values | {"designs": [], "sparse_against_all": {}, "unknown": 1})
-
-
 @pytest.mark.parametrize(
     ("change", "says"),
     [
