@@ -1,10 +1,15 @@
-"""Random streams for the firmware model's tests."""
+"""Random streams for the firmware model's tests, and a case run by the model and by C."""
 
 from __future__ import annotations
 
+import subprocess
+from pathlib import Path
+
 import numpy as np
 
-from firmware_model import Design, Event, Memories
+from firmware_model import Design, Event, Memories, ToolError
+from firmware_model.image import image
+from firmware_model.vectors import Case, in_order, records, to_binary
 from firmware_model.vectors.random_cases import (
     random_adaptive_design,
     random_design,
@@ -42,3 +47,23 @@ def drawn_drive(seed: int, *, adaptive: bool) -> tuple[Memories, int, list[Event
 def wrapped(events: list[Event], design: Design) -> list[Event]:
     """The same events by a clock of `timestamp_bits`."""
     return [event._replace(t=event.t % (1 << design.timestamp_bits)) for event in events]
+
+
+def told(case: Case) -> bytes:
+    """What the model says to a case."""
+    return to_binary(records(in_order(case.trace())))
+
+
+def run_host(program: Path, case: Case, folder: Path) -> bytes:
+    """The records of a case by the program of this computer; its message is an error."""
+    image_file, events_file, start_file, out = (
+        folder / f"{program.stem}.{suffix}" for suffix in ("img", "evt", "mem", "out")
+    )
+    image_file.write_bytes(image(case.memories))
+    events_file.write_bytes(case.event_bytes())
+    start_file.write_text(f"{case.start:08x}\n")
+    command = [*map(str, (program.absolute(), image_file, events_file, start_file, out))]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    if done.returncode:
+        raise ToolError(done.stderr.strip())
+    return out.read_bytes()

@@ -36,15 +36,12 @@ from firmware_model.vectors import (
     corner_cases,
     filter_cases,
     from_binary,
-    in_order,
-    records,
     standard_suites,
-    to_binary,
 )
 from firmware_model.vectors.case import choose_pixels
 from firmware_model.vectors.random_cases import random_design, random_memories
 from firmware_model.verification.images import image_cases
-from tests.firmware_model.designs import drawn_drive, wrapped
+from tests.firmware_model.designs import drawn_drive, run_host, told, wrapped
 
 pytest.importorskip("ziglang", reason="ziglang is not installed (extra firmware)")
 pytest.importorskip("unicorn", reason="unicorn is not installed (extra firmware)")
@@ -87,10 +84,6 @@ def expected(cases) -> dict[str, bytes]:
     return {c.name: told(c) for suite in cases.values() for c in suite}
 
 
-def told(case: Case) -> bytes:
-    return to_binary(records(in_order(case.trace())))
-
-
 def emulated(emulator: Emulator, case: Case) -> bytes:
     flash, ram = image(case.memories), ram_bytes(case.design)
     return emulator.replay(flash, case.event_bytes(), case.start, ram, out_words=OUT_WORDS)
@@ -118,21 +111,6 @@ def test_every_suite_passes_on_this_computer(folder, cases, expected):
     for wrong in (folder / "none.mem", "", folder / "us.mem"):
         words = [program, folder / "image", folder / "events", wrong, folder / "out"]
         assert subprocess.run(words, capture_output=True, check=False).returncode == 2
-
-
-def run_host(program: Path, case: Case, folder: Path) -> bytes:
-    """The records of a case by the program of this computer; its message is an error."""
-    image_file, events_file, start_file, out = (
-        folder / f"{program.stem}.{suffix}" for suffix in ("img", "evt", "mem", "out")
-    )
-    image_file.write_bytes(image(case.memories))
-    events_file.write_bytes(case.event_bytes())
-    start_file.write_text(f"{case.start:08x}\n")
-    command = [*map(str, (program.absolute(), image_file, events_file, start_file, out))]
-    done = subprocess.run(command, capture_output=True, text=True, check=False)
-    if done.returncode:
-        raise ToolError(done.stderr.strip())
-    return out.read_bytes()
 
 
 @pytest.mark.slow

@@ -918,16 +918,6 @@ def test_the_replay_command_makes_its_own_cases(capsys, words, cases):
     assert re.search(told, capsys.readouterr().out, re.M)
 
 
-def test_the_replay_command_counts_the_cases_of_each_design(capsys, monkeypatch):
-    def hold_suites(design, suites, conditions):
-        return replay.Verdict([], {"event": 5, "window": 0, "match": 0}, len(suites), len(suites))
-
-    monkeypatch.setattr(replay, "hold_suites", hold_suites)
-    assert replay.main(["--designs", "3", "--suite", "random"]) == 0
-    told = "design 3: 0 of 1 cases differ\n3 cases, 0 differ; equal: 15 event"
-    assert told in capsys.readouterr().out
-
-
 def test_the_replay_command_takes_one_source_of_cases(capsys):
     with pytest.raises(SystemExit):
         replay.main(["--designs", "1", "--events", "5"])

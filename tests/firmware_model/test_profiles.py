@@ -6,7 +6,6 @@ The specification is what the others are held to, by one drive of each profile.
 from __future__ import annotations
 
 import shutil
-import subprocess
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -28,9 +27,9 @@ from firmware_model import Event, MatchResult
 from firmware_model.emulation.build import HOST, build
 from firmware_model.hardware import replay
 from firmware_model.hardware.simulation import Conditions
-from firmware_model.image import image
-from firmware_model.vectors import in_order, records, to_binary, write_suites
+from firmware_model.vectors import write_suites
 from firmware_model.vectors.case import Case
+from tests.firmware_model.designs import run_host, told
 from tests.streams import Drive, cut_up, random_events, with_sums
 
 SENSOR = Sensor(24, 16)
@@ -120,14 +119,7 @@ def test_live_matches_are_those_of_the_specification(driven):
 def test_the_firmware_returns_every_record_of_the_specification(driven, tmp_path):
     """In C, as a program of this computer."""
     pytest.importorskip("ziglang", reason="ziglang is not installed (extra firmware)")
-    (tmp_path / "image").write_bytes(image(driven.case.memories))
-    (tmp_path / "events").write_bytes(driven.case.event_bytes())
-    (tmp_path / "start").write_text(f"{driven.case.start:x}\n")
-    program = build(HOST, tmp_path)
-    words = [tmp_path / name for name in ("image", "events", "start", "out")]
-    subprocess.run([program.absolute(), *words], check=True)
-    expected = to_binary(records(in_order(driven.case.trace())))
-    assert (tmp_path / "out").read_bytes() == expected
+    assert run_host(build(HOST, tmp_path), driven.case, tmp_path) == told(driven.case)
 
 
 @pytest.mark.skipif(shutil.which("iverilog") is None, reason="iverilog is not installed")
