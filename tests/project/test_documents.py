@@ -19,7 +19,6 @@ import numpy as np
 import pytest
 from edge_vpr_tools.cli import VerbParser, find_verb, main
 from lab.__main__ import parser
-from lab.tables import with_tables
 
 from edge_vpr.events import Sensor
 from edge_vpr.live.protocols import Health
@@ -261,18 +260,13 @@ def test_the_tutorial_runs_word_for_word_and_prints_what_it_says(tmp_path, monke
     assert figures == pytest.approx(page_figures, rel=_CLOSE, abs=_CLOSE)
 
 
-@pytest.mark.parametrize("page", PAGES)
-def test_tables_of_pages_are_those_of_the_files_that_they_name(page):
-    text = (ROOT / page).read_text()
-    assert with_tables(text, ROOT / "docs") == text, "run python tools/site/tables.py"
-
-
-def test_the_table_of_settings_is_made_from_the_settings():
-    """If not: python tools/site/settings_page.py."""
-    made = runpy.run_path(str(ROOT / "tools/site/settings_page.py"))
-    text = (ROOT / "docs/settings.md").read_text(encoding="utf-8")
-    assert made["table"]() in text
-    assert made["with_table"](text) == text
+def test_tables_of_pages_are_those_of_their_files_and_of_the_settings():
+    """If not: python tools/site/tables.py."""
+    made = runpy.run_path(str(ROOT / "tools/site/tables.py"))
+    for page in PAGES:
+        text = (ROOT / page).read_text(encoding="utf-8")
+        assert made["filled_page"](text) == text, page
+    assert made["settings_table"]() in (ROOT / "docs/settings.md").read_text(encoding="utf-8")
 
 
 def test_every_picture_and_table_of_docs_is_on_a_page():

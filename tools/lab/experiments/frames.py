@@ -15,7 +15,6 @@ import numpy as np
 from edge_vpr_tools.sweep.trial import fastest
 
 from edge_vpr.errors import UsageError
-from edge_vpr.evaluation.metrics import evaluate
 from edge_vpr.settings import PRESETS
 from edge_vpr.simulation import simulate_pair
 from lab.baselines import Baseline, compare, open_baseline
@@ -25,7 +24,7 @@ from lab.datasets import PublishedDrive, PublishedPair, published_pairs
 from lab.drives import LENGTH_M
 from lab.intensity import BagImages, frames_at, simulated_images
 from lab.loop import Draw, Drives, Experiment, Row
-from lab.pairs import SIMULATED, CountedDrive, CountedPair, Pair, Times, truths_of_tracks
+from lab.pairs import SIMULATED, CountedDrive, CountedPair, Pair, Times, rates, truths_of_tracks
 
 SETTINGS = PRESETS["paper"]
 
@@ -95,11 +94,9 @@ def compare_systems(pair: CountedPair, systems: Iterable[tuple[str, Baseline]]) 
             matches, matching_s = fastest(partial(pair.match, compared.distances, pair.settings))
         except UsageError:  # as of pixels whose surrounds do not fit the sensor
             continue
-        evaluated = evaluate(matches, pair.truth())
         yield {
             "system": name,
-            "P@100R": evaluated.precision_at_100_recall,
-            "R@99P": evaluated.recall_at_99_precision,
+            **rates(matches, pair.truth()),
             "bytes per place": compared.bytes_per_place,
             "operations per query": compared.operations,
             "time per query (us)": compared.query_us + 1e6 * matching_s / len(matches),
