@@ -192,7 +192,7 @@ def main(words: Sequence[str] | None = None) -> int:
     parser.add_argument("--design", metavar="FILE.toml", help="in place of the documented ones")
     parser.add_argument("--kind", choices=list(KINDS), help="of the documented designs, one alone")
     parser.add_argument("--board", choices=list(BOARDS), help="one alone")
-    parser.add_argument("--seeds", type=int, default=8, metavar="N", help="of place and route")
+    parser.add_argument("--seeds", type=int, default=4, metavar="N", help="of place and route")
     args = parser.parse_args(words)
     seeds = range(1, max(1, args.seeds) + 1)
     boards = list(BOARDS) if args.board is None else [args.board]
