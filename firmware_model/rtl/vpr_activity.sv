@@ -53,36 +53,44 @@ module vpr_activity #(
     logic [STEP_BITS-1:0] step_q;
     logic [4:0]           round_q;
     logic                 of_events_q, finishing_q;
-    // which bits are available; in registers, since comparing the step would lengthen the path
+    // which bits are available; in registers, since comparing the step would lengthen the path. So are the
+    // steps 1 and 2, that of the events' highest bit, and the last
     logic turns_q, has_events_q, has_upper_q, below_event_q, came_below_q, logged_q;
+    logic begins_q, begun_q, highest_q, ends_q;
 
-    wire begins = step_q == STEP_BITS'(1);
-    wire ends   = step_q == STEP_BITS'(LAST);
-    wire moves  = of_events_q && round_q[0];
+    wire moves = of_events_q && round_q[0];
 
     // mean + events * 2^EVENT_AT - mean / 64, rounded up, from the lowest bit on: the bit of the
-    // quotient is still in the register, until new ones come (`has_upper_q`). The events are shifted
-    // out (`has_events_q`), which leaves none for the next window. If they have wrapped (`full_q`), all
-    // their bits are taken as 1. Behind a pause (`paused_q`) it is mean - mean / 1024, rounded up.
-    logic borrow_q, carry_q, wrapped_q, full_q, paused_q;
+    // quotient is still in the register, until new ones come (`has_upper_q`). The events rotate
+    // (`has_events_q`), and in the last round are shifted out, which leaves none for the next window. If
+    // they have wrapped (`full_q`), all their bits are taken as 1. Behind a pause (`paused_q`) it is
+    // mean - mean / 1024, rounded up.
+    logic upper_q, borrow_q, carry_q, turned_q, high_q, full_q, paused_q;
 
-    wire upper      = has_upper_q && (paused_q ? mean_q[DECAY_SHIFT] : mean_q[ACTIVITY_SHIFT]);
-    wire difference = mean_q[0] ^ upper ^ borrow_q;
+    // the bit of the quotient for the next clock
+    wire pauses    = settled_o ? pauses_o : paused_q;
+    wire has_upper = !turns_q || (has_upper_q && step_q != (paused_q
+        ? STEP_BITS'(ACTIVITY_BITS - DECAY_SHIFT - 1) : STEP_BITS'(ACTIVITY_BITS - ACTIVITY_SHIFT - 1)));
+    wire upper     = has_upper && (pauses ? (turns_q ? mean_q[DECAY_SHIFT+1] : mean_q[DECAY_SHIFT])
+                                          : (turns_q ? mean_q[ACTIVITY_SHIFT+1] : mean_q[ACTIVITY_SHIFT]));
+
+    wire difference = mean_q[0] ^ upper_q ^ borrow_q;
     wire of_window  = has_events_q && (events_q[0] || full_q);
     wire added      = of_window && !paused_q;
     wire next       = added ^ difference ^ carry_q;
 
     // not taken while events are shifted: with the operand that is not 0 then, an FPGA has sum and
     // selection of a bit in one cell
-    wire [EVENTS_BITS:0] one_more =
-        {wrapped_q, events_q} + {1'b0, {EVENTS_BITS{has_events_q}}} + (EVENTS_BITS + 1)'(counted_i);
+    wire [EVENTS_BITS-1:0] one_more =
+        events_q + {EVENTS_BITS{has_events_q}} + EVENTS_BITS'(counted_i);
 
     always_ff @(posedge clk_i) begin
-        if (load_i) {wrapped_q, events_q} <= '0;
-        else {wrapped_q, events_q} <= has_events_q
-            ? {1'b0, events_q[0] && !moves, events_q[EVENTS_BITS-1:1]} : one_more;
+        turned_q <= (has_events_q ? events_q[1] : events_q[0]) && !moves;
+        if (load_i) events_q <= '0;
+        else events_q <= has_events_q ? {turned_q, events_q[EVENTS_BITS-1:1]} : one_more;
+        high_q <= settled_o && !load_i && events_q[EVENTS_BITS-1];
         if (load_i || finishing_q) full_q <= 1'b0;
-        else if (wrapped_q) full_q <= 1'b1;
+        else if (high_q && !events_q[EVENTS_BITS-1]) full_q <= 1'b1;
         if (window_end_i || load_i) begin
             any_q  <= 1'b0;
             more_q <= 1'b0;
@@ -90,23 +98,26 @@ module vpr_activity #(
         as_many_q     <= events_q[UPPER_BITS-1:0] == mean_q[ACTIVITY_BITS-1:DROPPED];
         was_counted_q <= counted_i && !window_end_i && !load_i;
         if (as_many_q && was_counted_q) more_q <= 1'b1;
-        if (settled_o) paused_q <= pauses_o;
+        paused_q    <= pauses;
+        upper_q     <= upper;
+        has_upper_q <= has_upper;
+        begins_q  <= !settled_o && step_q == 0;
+        begun_q   <= begins_q;
+        highest_q <= step_q == STEP_BITS'(EVENT_AT + EVENTS_BITS - 2);
+        ends_q    <= !settled_o && step_q == STEP_BITS'(LAST - 1);
         if (!turns_q) begin
             borrow_q      <= mean_q[ACTIVITY_SHIFT-1:0] != 0
-                || (paused_q && mean_q[DECAY_SHIFT-1:ACTIVITY_SHIFT] != 0);
+                || (pauses && mean_q[DECAY_SHIFT-1:ACTIVITY_SHIFT] != 0);
             carry_q       <= 1'b0;
-            has_upper_q   <= 1'b1;
             below_event_q <= 1'b1;
             came_below_q  <= 1'b0;
         end else begin
-            borrow_q <= (!mean_q[0] && (upper || borrow_q)) || (upper && borrow_q);
+            borrow_q <= (!mean_q[0] && (upper_q || borrow_q)) || (upper_q && borrow_q);
             carry_q  <= (added && (difference || carry_q)) || (difference && carry_q);
             mean_q  <= {moves ? next : mean_q[0], mean_q[ACTIVITY_BITS-1:1]};
             // the bit that came with the clock before
             came_below_q <= below_event_q;
             if (moves && came_below_q && mean_q[ACTIVITY_BITS-1]) partly_q <= 1'b1;
-            if (step_q == (paused_q ? STEP_BITS'(ACTIVITY_BITS - DECAY_SHIFT - 1)
-                                    : STEP_BITS'(ACTIVITY_BITS - ACTIVITY_SHIFT - 1))) has_upper_q <= 1'b0;
             if (step_q == STEP_BITS'(DROPPED - 1)) below_event_q <= 1'b0;
         end
         if (window_end_i) begin
@@ -117,19 +128,19 @@ module vpr_activity #(
             round_q     <= LOGARITHMS ? 5'b10000 : 5'b00001;
             of_events_q <= !LOGARITHMS;
         end else if (!settled_o) begin
-            step_q <= ends ? '0 : step_q + 1'b1;
+            step_q <= ends_q ? '0 : step_q + 1'b1;
             if (step_q == STEP_BITS'(ACTIVITY_BITS - 1)) turns_q <= 1'b0;
-            if (begins && turns_q) has_events_q <= 1'b1;
-            if (step_q == STEP_BITS'(EVENT_AT + EVENTS_BITS - 1)) has_events_q <= 1'b0;
-            if (of_events_q ? begins && turns_q : step_q == STEP_BITS'(FRACTION - 1)) logged_q <= 1'b1;
-            if (ends) begin
+            if (begins_q && turns_q) has_events_q <= 1'b1;
+            if (highest_q) has_events_q <= 1'b0;
+            if (of_events_q ? begins_q && turns_q : step_q == STEP_BITS'(FRACTION - 1)) logged_q <= 1'b1;
+            if (ends_q) begin
                 logged_q <= 1'b0;
                 round_q  <= {round_q[0], round_q[4:1]};
                 if (round_q[0]) of_events_q <= 1'b1;
                 if (moves) finishing_q <= 1'b1;
                 else turns_q <= 1'b1;
             end
-            if (finishing_q && step_q == STEP_BITS'(2)) begin
+            if (finishing_q && begun_q) begin
                 settled_o   <= 1'b1;
                 finishing_q <= 1'b0;
             end
@@ -162,14 +173,14 @@ module vpr_activity #(
 
             vpr_logarithm logarithm (
                 .clk_i(clk_i), .round_i(round_q), .valid_i(logged_q),
-                .number_i(of_events_q ? of_window : turns_q && of_mean), .decide_i(begins),
+                .number_i(of_events_q ? of_window : turns_q && of_mean), .decide_i(begins_q),
                 .inverse_o(inverse)
             );
 
-            // complete behind `begins`, and changed by the first bit of the next number
+            // complete behind `begins_q`, and changed by the first bit of the next number
             always_ff @(posedge clk_i) begin
                 if (window_end_i) silent_q <= !any_q;
-                if (step_q == STEP_BITS'(2)) begin
+                if (begun_q) begin
                     // that of most events, if there was none, whose logarithm is 0
                     if (round_q[4]) of_mean_q <= silent_q ? 9'd368 : ~inverse;
                     if (finishing_q) activity_inverse_o <= {1'b0, of_mean_q} + {1'b1, inverse};
@@ -177,7 +188,7 @@ module vpr_activity #(
             end
         end else begin : g_none
             assign activity_inverse_o = '1;
-            wire unused = &{1'b0, logged_q, begins};
+            wire unused = &{1'b0, logged_q, begins_q};
         end
     endgenerate
 endmodule

@@ -106,7 +106,7 @@ module vpr_bank #(
     logic ends_q, divides_q, divide_q, dividing_q, done;
     logic measured_q;  // the sum
     // of metrics: the pass ends, a row was written
-    logic pass_ends, moves_row;
+    logic pass_ends_q, moves_row;
     logic visits, visited_q;  // places around the best, see vpr_middle
 
     wire of_distances = state_q == FOR_MEAN || state_q == FOR_SPREAD;
@@ -117,14 +117,18 @@ module vpr_bank #(
 
     wire [1:0] looks     = rank_q > 4'd2 ? 2'd2 : rank_q > 4'd0 ? 2'd1 : 2'd0;
     wire       gains_end = lane_q == LEAST_LANE;  // below the lowest
-    // the sum is done, or no gain looks at it; below the last it is 3
-    wire       next_sum  = state_q == CHOOSE && !paused_i && sum_o != 2'd3
-                           && (gains_end || looks != sum_o);
-    wire       measures  = !paused_i && !measured_q && !gains_end;
+    // A choice takes two clocks. Registers take in the first: the sum is done, or no gain looks at it (below
+    // the last it is 3); the sum has no mean and spread yet; all gains are done
+    logic      chosen_q, next_sum_q, measures_q, gains_end_q;
 
     assign idle_o = state_q == IDLE && !waiting_q;
 
     always_ff @(posedge clk_i) begin
+        chosen_q    <= state_q == CHOOSE && !chosen_q;
+        next_sum_q  <= state_q == CHOOSE && !chosen_q && !paused_i && sum_o != 2'd3
+                       && (gains_end || looks != sum_o);
+        measures_q  <= !paused_i && !measured_q && !gains_end;
+        gains_end_q <= gains_end;
         waiting_q  <= start_i || (waiting_q && state_q == IDLE && !(settled_i && ready));
         beat_q     <= runs && !beat_q;
         ends_q     <= item && of_distances && row_q == ROW_BITS'(PLACES - 1);
@@ -142,17 +146,17 @@ module vpr_bank #(
                 if (waiting_q && settled_i && ready) state_q <= CHOOSE;
             end
             CHOOSE: begin
-                row_q         <= measures ? '0 : LEAST_ROW;
-                written_row_q <= gains_end ? LEAST_ROW : '0;
-                if (next_sum) begin
+                row_q         <= measures_q ? '0 : LEAST_ROW;
+                written_row_q <= gains_end_q ? LEAST_ROW : '0;
+                if (next_sum_q) begin
                     sum_o      <= sum_o - 1'b1;
                     measured_q <= 1'b0;
-                end else if (gains_end) begin
+                end else if (chosen_q && gains_end_q) begin
                     lane_q  <= '0;
                     state_q <= UP;
-                end else begin
-                    compare_o <= measures;
-                    state_q   <= measures ? FOR_MEAN : OF_GAIN;
+                end else if (chosen_q) begin
+                    compare_o <= measures_q;
+                    state_q   <= measures_q ? FOR_MEAN : OF_GAIN;
                 end
             end
             FOR_MEAN, FOR_SPREAD: if (dividing_q) begin
@@ -162,14 +166,14 @@ module vpr_bank #(
                     state_q    <= state_q == FOR_MEAN ? FOR_SPREAD : CHOOSE;
                 end
             end
-            OF_GAIN: if (pass_ends) begin
+            OF_GAIN: if (pass_ends_q) begin
                 lane_q  <= lane_q - 1'b1;
                 rank_q  <= rank_q == 0 ? '0 : rank_q - 1'b1;
                 state_q <= CHOOSE;
             end
             UP: begin
-                if (item) lane_q <= lane_q + 1'b1;
-                if (pass_ends) state_q <= TELL;
+                if (beat_q) lane_q <= lane_q + 1'b1;
+                if (pass_ends_q) state_q <= TELL;
             end
             TELL: begin
                 row_q         <= LEAST_ROW;
@@ -178,13 +182,14 @@ module vpr_bank #(
                 if (visited_q && !visits) state_q <= DOWN;
             end
             default: begin
-                if (item) lane_q <= lane_q - 1'b1;
-                if (pass_ends) state_q <= IDLE;
+                if (beat_q) lane_q <= lane_q - 1'b1;
+                if (pass_ends_q) state_q <= IDLE;
             end
         endcase
         if (moves_row) written_row_q <= written_row_q == LEAST_ROW ? '0 : written_row_q + 1'b1;
         if (rst_i) begin
             state_q    <= IDLE;
+            next_sum_q <= 1'b0;
             waiting_q  <= 1'b0;
             ends_q     <= 1'b0;
             divides_q  <= 1'b0;
@@ -197,7 +202,7 @@ module vpr_bank #(
     // 3. Evidence: each sum has a reciprocal of its own, from the window before if that had one
 
     logic [DISTANCE_BITS-1:0]   kept, here_q, nearest_inverse_q;
-    logic                       deviates_q, has_spread, whole;
+    logic                       nearer_q, deviates_q, has_spread, whole;
     logic [RECIPROCAL_BITS-2:0] factor;
     logic [SUMS*SCALE_BITS-1:0] scales_q;  // of this sum, of the next, and of the one behind it
     logic [SCALE_BITS-2:0]      scale_q;
@@ -209,11 +214,12 @@ module vpr_bank #(
 
     always_ff @(posedge clk_i) begin
         here_q     <= state_q == FOR_MEAN ? distance_i : kept;
+        nearer_q   <= distance_valid_i && !farther[DISTANCE_BITS];
         deviates_q <= item && of_distances;
         if (compare_o) nearest_inverse_q <= '0;
-        else if (distance_valid_i && !farther[DISTANCE_BITS]) nearest_inverse_q <= ~distance_i;
+        else if (nearer_q) nearest_inverse_q <= ~here_q;
         if (done) scale_q <= scales_q[SCALE_BITS-1] ? scales_q[SCALE_BITS-2:0] : {whole, factor};
-        if (next_sum)
+        if (next_sum_q)
             scales_q <= {measured_q, {whole, factor} & {SCALE_BITS - 1{measured_q}},
                          scales_q[SUMS*SCALE_BITS-1:SCALE_BITS]};
         if (rst_i) begin
@@ -253,14 +259,14 @@ module vpr_bank #(
     logic [9:0]                 by_gain_q;  // the activity less the gain, inverted
     logic [STEPS*COST_BITS-1:0] costs;
 
-    wire shift = item && state_q == OF_GAIN && based_q;
+    wire shift = beat_q && state_q == OF_GAIN && based_q;
 
     always_ff @(posedge clk_i) begin
         visited_q <= visits;
-        based_q   <= state_q == OF_GAIN && (based_q || item);
+        based_q   <= state_q == OF_GAIN && (based_q || beat_q);
         by_gain_q <= activity_inverse_i + {7'(lane_q) - 7'd4, 3'd0};
         if (ends_i) base_q <= best_sum_i;
-        else if (item && state_q == OF_GAIN && !based_q) base_q <= ~former_inverse;
+        else if (beat_q && state_q == OF_GAIN && !based_q) base_q <= ~former_inverse;
         if (ends_i) least_q <= best_sum_i;
         offset_q  <= placed_q ? base_q - least_q : '0;
         if (ends_i) placed_q <= 1'b1;
@@ -284,7 +290,7 @@ module vpr_bank #(
 
     logic [PREDICTED-1:0]     valid_q;
     logic                     has_value_q, writes_q, stays_q, takes_least_q, lower_q, better_q;
-    logic                     first_q, last_row_q, row_ends_q;
+    logic                     first_q, row_ends_q;
     logic [EVIDENCE_BITS:0]   lifted_q;
     logic [METRIC_BITS-1:0]   value_inverse_q, lowest_q, raised_q;
     logic [RESIDUAL_BITS-1:0] residual_q;
@@ -292,7 +298,7 @@ module vpr_bank #(
 
     wire [EVIDENCE_BITS:0] metric = (EVIDENCE_BITS + 1)'(prediction) + lifted_q;
     wire                   loads  =
-        state_q == OF_GAIN ? valid_q[PREDICTED-1] && based_q : item && of_metrics;
+        state_q == OF_GAIN ? valid_q[PREDICTED-1] && based_q : beat_q && of_metrics;
 
     wire takes_least = state_q == OF_GAIN ? written_row_q == LEAST_ROW
                                           : state_q == UP && written_lane_q == LEAST_LANE;
@@ -310,7 +316,7 @@ module vpr_bank #(
 
     wire at_row_end = state_q == OF_GAIN || written_lane_q == (state_q == UP ? LEAST_LANE : '0);
     assign moves_row = state_q == OF_GAIN ? writes_q : row_ends_q;
-    assign pass_ends = writes_q && at_row_end && last_row_q;
+    wire at_last_row = written_row_q == (state_q == OF_GAIN ? LEAST_ROW : ROW_BITS'(PLACES - 1));
 
     assign place_o       = PLACE_BITS'(written_row_q);
     assign least_o       = lowest_q;
@@ -320,12 +326,13 @@ module vpr_bank #(
 
     always_ff @(posedge clk_i) begin
         valid_q     <= based_q ? PREDICTED'({valid_q, shift}) : '0;
-        has_value_q <= loads && !pass_ends;
+        has_value_q <= loads && !pass_ends_q;
         writes_q    <= has_value_q;
+        pass_ends_q <= has_value_q && at_row_end && at_last_row;
         // no search looks at the place any more
-        row_ends_q  <= writes_q && at_row_end && state_q != OF_GAIN && !pass_ends;
+        row_ends_q  <= writes_q && at_row_end && state_q != OF_GAIN && !pass_ends_q;
         lifted_q    <= (EVIDENCE_BITS + 1)'(against) + (EVIDENCE_BITS + 1)'(offset_q);
-        if (item) written_lane_q <= lane_q;
+        if (beat_q) written_lane_q <= lane_q;
         if (loads) begin
             value_inverse_q <= state_q != OF_GAIN ? former_inverse
                 : |metric[EVIDENCE_BITS:METRIC_BITS] ? '0 : ~metric[METRIC_BITS-1:0];
@@ -337,7 +344,6 @@ module vpr_bank #(
             lower_q       <= !takes_least && (first || below_lowest[METRIC_BITS]);
         end
         first_q  <= state_q == CHOOSE || (first_q && !has_value_q);
-        last_row_q <= written_row_q == (state_q == OF_GAIN ? LEAST_ROW : ROW_BITS'(PLACES - 1));
         if (writes_q) raised_q <= raised[METRIC_BITS] ? '1 : raised[METRIC_BITS-1:0];
         if (writes_q && lower_q) lowest_q <= ~value_inverse_q;
         better_q <= has_value_q && state_q == OF_GAIN && !takes_least && !worse[BEST_BITS];
@@ -350,6 +356,7 @@ module vpr_bank #(
         if (rst_i) begin
             has_value_q <= 1'b0;
             writes_q    <= 1'b0;
+            pass_ends_q <= 1'b0;
             row_ends_q  <= 1'b0;
             better_q    <= 1'b0;
         end

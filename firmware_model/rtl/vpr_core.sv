@@ -134,6 +134,7 @@ module vpr_core #(
     // Distances, sums, and the search
 
     logic [31:0]                   window_q;
+    logic                          carries_q;  // the lower half of its next number into the upper
     logic                          begun_q, compare_q, filter_idle;
     logic                          compares;  // the descriptor of `sum_compared` to all places
     logic [1:0]                    sum_compared;
@@ -238,8 +239,8 @@ module vpr_core #(
     // A window at a time: from its end until its match is taken, or there is none
 
     // the search's two clocks, and the first of the acceptance test; the trust takes ten more, and
-    // the middle of places that are told eleven, one more with several gains
-    localparam int FINISHING = !FILTER ? 3 : REACH == 0 ? 13 : 2 * REACH + (GAINS == 1 ? 6 : 7);
+    // the middle of places that are told twelve
+    localparam int FINISHING = !FILTER ? 3 : REACH == 0 ? 13 : 2 * REACH + 7;
 
     logic [FINISHING-1:0] finishing_q;
 
@@ -249,6 +250,7 @@ module vpr_core #(
     wire match_taken = m_match_tvalid && m_match_tready;
 
     always_ff @(posedge clk_i) begin
+        carries_q   <= &window_q[15:0];
         begun_q     <= window_end;
         compare_q   <= query_write && m_window_tlast && word_sum == 0;
         finishing_q <= FINISHING'({finishing_q, sum_valid && sum_last});
@@ -256,7 +258,8 @@ module vpr_core #(
         else if (match_taken) m_match_tvalid <= 1'b0;
         if (window_end) begin
             busy_q           <= 1'b1;
-            window_q         <= window_q + 1'b1;
+            window_q[15:0]   <= window_q[15:0] + 1'b1;
+            if (carries_q) window_q[31:16] <= window_q[31:16] + 1'b1;
             m_window_tuser <= events_taken;
         end else if (match_taken || (finished && !has_best)) busy_q <= 1'b0;
         // no event is counted while the last window's counts are drained, or its number of events used

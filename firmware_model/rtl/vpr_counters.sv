@@ -14,7 +14,6 @@ module vpr_counters #(
     localparam int SLOTS       = vpr_pkg::SLOTS,
     localparam int SLOT_BITS   = vpr_pkg::SLOT_BITS,
     localparam int COUNT_BITS  = vpr_pkg::COUNT_BITS,
-    localparam int COUNT_MAX   = vpr_pkg::COUNT_MAX,
     localparam bit CONTRAST    = vpr_pkg::CONTRAST,
     parameter  bit LOADABLE    = 0,
     parameter  bit SLOW_BLOCKS = 0  // see vpr_core
@@ -37,14 +36,18 @@ module vpr_counters #(
     output logic [COUNT_BITS-1:0] drained_o,
     output logic [SLOT_BITS-1:0]  read_slot_o
 );
-    localparam logic [COUNT_BITS-1:0] FULL = COUNT_BITS'(COUNT_MAX);
-
-    // the slot whose count was read, and whether one of the two before it is the same
-    logic                  reads_q, clears_q, same_1_q, same_2_q;
+    // the slot whose count was read, and whether the one before it is the same, or one of the two
+    logic                  reads_q, clears_q, same_1_q, same_q;
     logic                  writes_q;   // `raised_o`, or 0
-    logic [COUNT_BITS-1:0] written_q;  // the latest count that was written
+    // the latest counts that were raised and written; COUNT_MAX is all ones, and where the highest bit is 1
+    // they are COUNT_MAX, whatever the others
+    logic [COUNT_BITS:0]   raised_q, written_q;
 
-    wire [COUNT_BITS-1:0] count   = same_1_q ? raised_o : same_2_q ? written_q : drained_o;
+    assign raised_o = raised_q[COUNT_BITS-1:0] | {COUNT_BITS{raised_q[COUNT_BITS]}};
+
+    wire [COUNT_BITS:0]   newer   = same_1_q ? raised_q : written_q;
+    wire [COUNT_BITS:0]   count   = same_q ? newer : {1'b0, drained_o};
+    wire [COUNT_BITS:0]   raised  = {1'b0, count[COUNT_BITS-1:0]} + 1'b1;
     wire                  read    = draining_i ? drain_i : enable_i;
     wire [SLOT_BITS-1:0]  address = draining_i ? drain_slot_i : slot_i;
 
@@ -54,12 +57,13 @@ module vpr_counters #(
             reads_q       <= draining_i ? drain_i : take_i;
             clears_q      <= draining_i;
             same_1_q      <= reads_q && slot_i == read_slot_o;
-            same_2_q      <= writes_q && slot_i == raised_slot_o;
+            same_q        <= (reads_q && slot_i == read_slot_o)
+                || (writes_q && slot_i == raised_slot_o);
             raises_o      <= reads_q && !clears_q;
             writes_q      <= reads_q;
             raised_slot_o <= read_slot_o;
-            raised_o      <= clears_q ? '0 : count == FULL ? FULL : count + 1'b1;
-            written_q     <= raised_o;
+            raised_q      <= clears_q ? '0 : raised | {count[COUNT_BITS], {COUNT_BITS{1'b0}}};
+            written_q     <= raised_q;
         end
         // all counters are drained then, so that a last write does no harm
         if (rst_i) begin
@@ -83,7 +87,6 @@ module vpr_counters #(
     generate
         if (CONTRAST) begin : g_limits
             logic [COUNT_BITS-1:0] limit, limit_q;
-            logic                  full_q;
 
             vpr_rom #(
                 .DEPTH(SLOTS), .BITS(COUNT_BITS), .ADDRESS_BITS(SLOT_BITS), .FILE("limits.mem"),
@@ -93,12 +96,9 @@ module vpr_counters #(
                 .load_i(load_i), .load_address_i(load_address_i), .load_word_i(load_word_i)
             );
 
-            always_ff @(posedge clk_i) if (enable_i) begin
-                limit_q <= limit;
-                full_q  <= count == FULL;
-            end
+            always_ff @(posedge clk_i) if (enable_i) limit_q <= limit;
 
-            assign in_limit_o = !full_q && raised_o <= limit_q;
+            assign in_limit_o = raised_q <= {1'b0, limit_q};
         end else begin : g_all
             wire unused = &{1'b0, load_i, load_address_i, load_word_i};
             assign in_limit_o = 1'b1;

@@ -127,7 +127,7 @@ module vpr_distance #(
 
             vpr_rom #(
                 .DEPTH(PLACES), .BITS(BIAS_BITS), .ADDRESS_BITS(PLACE_BITS),
-                .FILE("place_bias.mem"), .LOADABLE(LOADABLE)
+                .FILE("place_bias.mem"), .LOADABLE(LOADABLE), .STYLE("block")
             ) place_bias (
                 .clk_i(clk_i), .enable_i(1'b1), .address_i(place_q), .word_o(of_place),
                 .load_i(load_i), .load_address_i(load_address_i), .load_word_i(load_word_i)

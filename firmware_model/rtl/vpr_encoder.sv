@@ -64,25 +64,26 @@ module vpr_encoder #(
     wire end_index = index_q == SLOT_BITS'(SLOTS - 1);
     wire end_lane  = lane_q == LANE_BITS'(LANES - 1) || end_index;
 
-    logic next_sum;    // begins
+    logic begins_q;    // a pass over all slots, behind a reset and of a next sum
+    logic next_sum;
+    wire  starts    = start_i || again || begins_q;
     wire  first_sum = SUMS == 1 || sum_o == 2'(SUMS - 1);
 
-    assign draining_o   = (issuing_q || counted_q) && !(CONTRAST && encodes_q) && (first_sum || clearing_q);
+    assign draining_o   = (issuing_q || counted_q || begins_q) && !(CONTRAST && encodes_q)
+                          && (first_sum || clearing_q);
     assign drain_o      = step && issuing_q;
     assign drain_slot_o = index_q;
 
     always_ff @(posedge clk_i) begin
-        if (start_i || rst_i || again || next_sum) begin
-            issuing_q <= 1'b1;
-            encodes_q <= again && !rst_i;
+        begins_q  <= next_sum || rst_i;
+        issuing_q <= starts || (issuing_q && !(step && end_index));
+        if (starts) begin
+            encodes_q <= again;
             index_q   <= '0;
             lane_q    <= '0;
-        end else if (step) begin
-            if (issuing_q) begin
-                index_q <= index_q + 1'b1;
-                lane_q  <= end_lane ? '0 : lane_q + 1'b1;
-            end
-            if (end_index) issuing_q <= 1'b0;
+        end else if (step && issuing_q) begin
+            index_q <= index_q + 1'b1;
+            lane_q  <= end_lane ? '0 : lane_q + 1'b1;
         end
         if (step) begin
             counted_q        <= issuing_q;
@@ -97,6 +98,8 @@ module vpr_encoder #(
         end
         if (counted_q && counted_last_q && sum_o == 0) clearing_q <= 1'b0;
         if (rst_i) begin
+            issuing_q      <= 1'b0;
+            encodes_q      <= 1'b0;
             clearing_q     <= 1'b1;
             counted_q      <= 1'b0;
             counted_word_q <= 1'b0;
@@ -112,7 +115,7 @@ module vpr_encoder #(
             assign next_sum = 1'b0;
         end else begin : g_sums
             // behind its words; behind a reset there are none
-            assign next_sum = sum_o != 0 && !rst_i
+            assign next_sum = sum_o != 0
                 && (clearing_q ? counted_q && counted_last_q : word_valid_o && word_last_o);
             always_ff @(posedge clk_i)
                 if (start_i || rst_i) sum_o <= 2'(SUMS - 1);
@@ -153,7 +156,7 @@ module vpr_encoder #(
                 .deviation_o(deviation)
             );
             vpr_contrast contrast (
-                .clk_i(clk_i), .rst_i(rst_i), .clear_i(start_i || next_sum), .deviates_i(deviates),
+                .clk_i(clk_i), .rst_i(rst_i), .clear_i(start_i || begins_q), .deviates_i(deviates),
                 .last_i(deviating_last), .deviating_slot_i(deviating_slot),
                 .deviation_i(deviation), .divided_o(again), .step_i(step), .slot_i(index_q),
                 .code_o(code)

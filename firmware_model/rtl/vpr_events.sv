@@ -57,7 +57,6 @@ module vpr_events #(
     wire moves = !has_raised_q || m_event_tready;       // the last two stages
     wire looks = moves && !full && !pending_i;          // those before them
     wire waits = displaces_q && (over || !settled);     // in the first stage, for its window
-    wire take  = s_event_tvalid && s_event_tready;
 
     wire room = !displaces_q || (looks && !over);        // but while a window's end moves
 
@@ -75,7 +74,7 @@ module vpr_events #(
             && !window_end_o;
         counted_o    <= counts && in_limit && moves;
         // one that leaves makes room in the same clock
-        displaces_q  <= s_event_tready ? s_event_tvalid : displaces_q;
+        displaces_q  <= (s_event_tready && s_event_tvalid) || (!s_event_tready && displaces_q);
         if (looks) begin
             addresses_q <= displaces_q && !waits;
             enters_q    <= ENTRY_STEPS'({enters_q, addresses_q});
@@ -105,7 +104,7 @@ module vpr_events #(
     vpr_pixel_lookup #(.LOADABLE(LOADABLE), .SLOW_BLOCKS(SLOW_BLOCKS)) pixel_lookup (
         .clk_i(clk_i), .rst_i(rst_i), .load_i(load_i[1:0]), .load_address_i(load_address_i),
         .load_word_i(load_word_i),
-        .take_i(take), .enable_i(looks),
+        .take_i(s_event_tready), .enable_i(looks),
         .column_i(s_event_tdata[EVENT_TIME_BITS+:16]),
         .row_i(s_event_tdata[EVENT_TIME_BITS+16+:15]),
         .selected_o(selected), .slot_o(slot)

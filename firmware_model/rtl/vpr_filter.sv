@@ -60,12 +60,12 @@ module vpr_filter #(
     localparam logic [1:0] FOR_METRICS = 2'd2;
 
     logic [1:0]                 state_q, pass_q;
-    logic                       waiting_q, beat_q, ends_q, divides_q, divide_q, done;
+    logic                       settled_q, waiting_q, beat_q, ends_q, divides_q, divide_q, done;
     logic                       scaled_q;  // by the spread of this window
     logic [PLACE_BITS-1:0]      index_q;
     logic [DISTANCE_BITS-1:0]   kept, nearest_inverse_q;
     // a clock behind the place, as memory gives it late
-    logic                       deviates_q;
+    logic                       nearer_q, deviates_q;
     logic [DISTANCE_BITS-1:0]   here_q;
     logic                       has_spread, whole;
     logic [RECIPROCAL_BITS-2:0] factor;  // see vpr_spread
@@ -83,9 +83,12 @@ module vpr_filter #(
         pass_q == FOR_MEAN && !has_spread ? FOR_SPREAD : FOR_METRICS;
 
     always_ff @(posedge clk_i) begin
-        waiting_q        <= start_i || (waiting_q && paused_i && !settled_i);
+        // behind what the number of events says, see vpr_see
+        settled_q        <= settled_i;
+        waiting_q        <= start_i || (waiting_q && paused_i && !settled_q);
         beat_q           <= state_q == RUN && !beat_q;
         here_q           <= comes ? distance_i : kept;
+        nearer_q         <= distance_valid_i && comes && !farther[DISTANCE_BITS];
         deviates_q       <= item && !paused_i;
         divides_q        <= 1'b0;
         divide_q         <= divides_q;
@@ -93,7 +96,7 @@ module vpr_filter #(
         case (state_q)
             IDLE: begin
                 pass_q <= paused_i ? FOR_METRICS : FOR_MEAN;
-                if (waiting_q && (!paused_i || settled_i)) state_q <= RUN;
+                if (waiting_q && (!paused_i || settled_q)) state_q <= RUN;
             end
             RUN: if (ends_q && settled_i) begin
                 state_q   <= paused_i || scaled_q ? IDLE : DIVIDE;
@@ -109,8 +112,7 @@ module vpr_filter #(
         else if (item && !item_last) index_q <= index_q + 1'b1;
         if (begins) scaled_q <= 1'b0;
         if (begins) nearest_inverse_q <= '0;
-        else if (distance_valid_i && comes && !farther[DISTANCE_BITS])
-            nearest_inverse_q <= ~distance_i;
+        else if (nearer_q) nearest_inverse_q <= ~here_q;
         if (rst_i) begin
             state_q    <= IDLE;
             waiting_q  <= 1'b0;

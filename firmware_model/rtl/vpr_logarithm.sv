@@ -36,9 +36,11 @@ module vpr_logarithm (
 
     logic [4:0] octaves_inverse_q;
     logic [3:0] fraction_inverse_q;
-    logic [5:0] place_q;           // of the bit; in the first round from 0 on; 32: above the highest 1
+    // of the bit, and in the first round of the bit before, from 0 on; 32: above the highest 1
+    logic [5:0] place_q;
     logic       carry_q;
     logic       bit_1_q, power_q;    // of n + 1, a clock later, and the power's
+    logic       valid_q, finds_q;    // a clock later: of any round, and of the first
     logic       compares_q, above_q;
 
     wire bit_0 = number_i ^ carry_q;
@@ -48,11 +50,13 @@ module vpr_logarithm (
     always_ff @(posedge clk_i) begin
         power_q    <= memory[{fraction_inverse_q, place_q[4:0]}];
         bit_1_q    <= bit_0;
+        valid_q    <= valid_i;
+        finds_q    <= valid_i && round_i[4];
         compares_q <= valid_i && !place_q[5] && !round_i[4];
         carry_q    <= !valid_i || (number_i && carry_q);
         if (!valid_i) place_q <= round_i[4] ? '0 : {1'b0, octaves_inverse_q};
-        else if (!place_q[5]) place_q <= place_q + 1'b1;
-        if (valid_i && round_i[4] && bit_0) octaves_inverse_q <= ~place_q[4:0];
+        else if (!place_q[5] && (valid_q || !round_i[4])) place_q <= place_q + 1'b1;
+        if (finds_q && bit_1_q) octaves_inverse_q <= ~place_q[4:0];
         if (decide_i) above_q <= 1'b0;
         else if (compares_q && bit_1_q != power_q) above_q <= bit_1_q;
         // the bit of the ended round stays 1 if it is reached, and that of the next is tried

@@ -3,16 +3,15 @@
 // another. A place is near whose metric is at most 8 above the best.
 //
 // `ends_i` says that the best stands, and no sum comes any more. Places are then visited, one a
-// clock, from REACH before the best on, or the first, to REACH behind it, or the last:
+// clock, from REACH before the best on, of which those in front of the first do not count, to REACH
+// behind it, or the last:
 // `above_i` is the metric of `place_o` of two clocks before, in which `visits_o` was high, less
-// the best, and `is_best_o` is high a clock behind the best. `told_o` stands 2 REACH + 5 clocks after
-// `ends_i`, one more with several gains, until the next. Without a reach the best alone is visited, and
-// told.
+// the best, and `is_best_o` is high a clock behind the best. `told_o` stands 2 REACH + 6 clocks after
+// `ends_i`, until the next. Without a reach the best alone is visited, and told.
 module vpr_middle #(
     localparam int PLACES      = vpr_pkg::PLACES,
     localparam int PLACE_BITS  = vpr_pkg::PLACE_BITS,
     localparam int METRIC_BITS = vpr_pkg::METRIC_BITS,
-    localparam int GAINS       = vpr_pkg::GAINS,
     localparam int REACH       = vpr_pkg::REACH
 ) (
     input  logic                   clk_i,
@@ -37,52 +36,46 @@ module vpr_middle #(
         end else begin : g_middle
             localparam logic [METRIC_BITS-1:0] NEAR = METRIC_BITS'(8);
             localparam int WIDE_BITS  = (PLACE_BITS > 3 ? PLACE_BITS : 3) + 1;
-            localparam int BEHIND_BITS = $clog2(REACH + 1);
-            localparam int BOTH_BITS  = BEHIND_BITS + 1;
+            localparam int BOTH_BITS  = $clog2(REACH + 1) + 1;
 
-            logic [BEHIND_BITS-1:0] behind_q;  // places behind the best, of the one that is visited
-            // of the place that was visited, as it is read, and as it is counted
+            // the place that is visited, also in front of the first; and how far it is from the best
+            logic [WIDE_BITS-1:0]        place_q;
+            logic signed [BOTH_BITS-1:0] from_best_q;
+            // of the place that was visited, as it is read, as its metric stands, and as it is counted
             logic                   before_1_q, before_2_q, behind_1_q, behind_2_q;
-            logic                   near, is_before, is_behind;
+            logic                   near_q, is_before_q, is_behind_q;
             logic                   ended_q;
             // near places behind the best, less those before it
             logic signed [BOTH_BITS-1:0] both_q;
 
-            wire [WIDE_BITS-1:0] first   = WIDE_BITS'(best_i) - WIDE_BITS'(REACH);
-            wire                 at_best = place_o == best_i;
-            wire                 last    = place_o == PLACE_BITS'(PLACES - 1)
-                                           || behind_q == BEHIND_BITS'(REACH);
+            wire at_best = from_best_q == 0;
+            wire last    = place_q == WIDE_BITS'(PLACES - 1) || from_best_q == BOTH_BITS'(REACH);
+
+            assign place_o = place_q[PLACE_BITS-1:0];
+
             // half of them, rounded up
             wire signed [BOTH_BITS-1:0] rounded = both_q + BOTH_BITS'(1);
             wire signed [BOTH_BITS-1:0] moves   = rounded >>> 1;
 
-            if (GAINS == 1) begin : g_direct
-                assign {near, is_before, is_behind} = {above_i <= NEAR, before_2_q, behind_2_q};
-            end else begin : g_register
-                always_ff @(posedge clk_i)
-                    {near, is_before, is_behind} <= {above_i <= NEAR, before_2_q, behind_2_q};
-            end
-
             always_ff @(posedge clk_i) begin
                 visits_o <= ends_i || (visits_o && !last);
-                if (ends_i) place_o <= first[WIDE_BITS-1] ? '0 : first[PLACE_BITS-1:0];
-                else place_o <= place_o + 1'b1;
-                if (ends_i) behind_q <= '0;
-                else if (at_best || behind_q != 0) behind_q <= behind_q + 1'b1;
-                is_best_o  <= visits_o && at_best;
-                before_1_q <= visits_o && behind_q == 0 && !at_best;
-                behind_1_q <= visits_o && behind_q != 0;
-                before_2_q <= before_1_q;
-                behind_2_q <= behind_1_q;
+                place_q     <= ends_i ? WIDE_BITS'(best_i) - WIDE_BITS'(REACH) : place_q + 1'b1;
+                from_best_q <= ends_i ? -BOTH_BITS'(REACH) : from_best_q + 1'b1;
+                is_best_o   <= visits_o && at_best;
+                before_1_q  <= visits_o && from_best_q < 0 && !place_q[WIDE_BITS-1];
+                behind_1_q  <= visits_o && from_best_q > 0;
+                before_2_q  <= before_1_q;
+                behind_2_q  <= behind_1_q;
+                near_q      <= above_i <= NEAR;
+                is_before_q <= before_2_q;
+                is_behind_q <= behind_2_q;
                 if (ends_i) both_q <= '0;
-                else if (is_before) both_q <= near ? both_q - 1'b1 : '0;
-                else if (is_behind && near && !ended_q) both_q <= both_q + 1'b1;
-                ended_q <= !ends_i && (ended_q || (is_behind && !near));
+                else if (is_before_q) both_q <= near_q ? both_q - 1'b1 : '0;
+                else if (is_behind_q && near_q && !ended_q) both_q <= both_q + 1'b1;
+                ended_q <= !ends_i && (ended_q || (is_behind_q && !near_q));
                 told_o  <= best_i + PLACE_BITS'(moves);
                 if (rst_i) visits_o <= 1'b0;
             end
-
-            wire unused = &{1'b0, first};
         end
     endgenerate
 endmodule

@@ -57,8 +57,9 @@ module vpr_running_mean #(
     logic                        read_valid_q, read_last_q, read_clearing_q;
     logic                        held_valid_q, held_last_q, held_clearing_q;
     logic [SLOT_BITS-1:0]        read_slot_q, held_slot_q;
-    logic                        moved_valid_q;
-    logic [SLOT_BITS-1:0]        moved_slot_q;
+    logic                        moving_valid_q, moved_valid_q;
+    logic [SLOT_BITS-1:0]        moving_slot_q;
+    logic [MEAN_BITS-1:0]        moving_total_q, moves_q;
     logic [MEAN_AT-1:0]          read_at, moved_at;  // among the means of all sums
     logic [LAST_SHIFT:0]         seen_q;  // windows, and 1 << FIRST_SHIFT; saturates
 
@@ -76,7 +77,7 @@ module vpr_running_mean #(
     wire signed [MEAN_BITS+1:0] rounded =
         (MEAN_BITS + 2)'(difference_q) + $signed((MEAN_BITS + 2)'(ROUNDING));
 
-    assign deviating_slot_o = moved_slot_q;
+    assign deviating_slot_o = moving_slot_q;
 
     vpr_rom #(
         .DEPTH(COUNT_MAX + 1), .BITS(LEVEL_BITS), .ADDRESS_BITS(COUNT_BITS), .FILE("levels.mem"),
@@ -104,21 +105,25 @@ module vpr_running_mean #(
 
     generate
         if (SUMS == 1) begin : g_one
+            logic [SLOT_BITS-1:0] moved_slot_q;
             assign read_at  = slot_i;
             assign moved_at = moved_slot_q;
+            always_ff @(posedge clk_i) moved_slot_q <= moving_slot_q;
         end else begin : g_several
             // in the order in which the slots of all sums come
             logic [MEAN_AT-1:0] read_at_q, moved_at_q;
-            logic               held_q;
+            logic               moving_q, moved_q;  // whether or not a mean moves
             assign read_at  = read_at_q;
             assign moved_at = moved_at_q;
             always_ff @(posedge clk_i) begin
-                held_q <= held_valid_q;
+                moving_q <= held_valid_q;
+                moved_q  <= moving_q;
                 if (step_i && valid_i)
                     read_at_q <= read_at_q == MEAN_AT'(MEANS - 1) ? '0 : read_at_q + 1'b1;
-                if (held_q) moved_at_q <= moved_at_q == MEAN_AT'(MEANS - 1) ? '0 : moved_at_q + 1'b1;
+                if (moved_q) moved_at_q <= moved_at_q == MEAN_AT'(MEANS - 1) ? '0 : moved_at_q + 1'b1;
                 if (rst_i) begin
-                    held_q     <= 1'b0;
+                    moving_q   <= 1'b0;
+                    moved_q    <= 1'b0;
                     read_at_q  <= '0;
                     moved_at_q <= '0;
                 end
@@ -142,22 +147,26 @@ module vpr_running_mean #(
             if (held_last_q && newest_i && !held_clearing_q && !hold_i && !seen_q[LAST_SHIFT])
                 seen_q <= seen_q + 1'b1;
         end
-        moved_valid_q <= held_valid_q && (held_clearing_q || !hold_i);
-        moved_slot_q  <= held_slot_q;
+        moving_valid_q  <= held_valid_q && (held_clearing_q || !hold_i);
+        moving_slot_q   <= held_slot_q;
+        moving_total_q  <= held_total_q;
+        moves_q         <= moves[MEAN_BITS-1:0];
+        moved_valid_q   <= moving_valid_q;
+        moved_inverse_q <= ~(moving_total_q + moves_q);
         deviates_o       <= held_valid_q && !held_clearing_q;
         deviating_last_o <= held_last_q;
-        moved_inverse_q <= ~(held_total_q + moves[MEAN_BITS-1:0]);
         // the highest power of two that it has reached
         by_q <= seen_q[8] ? 5'b10000 : seen_q[7] ? 5'b01000 : seen_q[6] ? 5'b00100
               : seen_q[5] ? 5'b00010 : 5'b00001;
         if (rst_i) begin
-            moved_valid_q <= 1'b0;
-            deviates_o    <= 1'b0;
-            read_valid_q  <= 1'b0;
-            read_last_q   <= 1'b0;
-            held_valid_q  <= 1'b0;
-            held_last_q   <= 1'b0;
-            seen_q        <= (LAST_SHIFT + 1)'(1 << FIRST_SHIFT);
+            moving_valid_q <= 1'b0;
+            moved_valid_q  <= 1'b0;
+            deviates_o     <= 1'b0;
+            read_valid_q   <= 1'b0;
+            read_last_q    <= 1'b0;
+            held_valid_q   <= 1'b0;
+            held_last_q    <= 1'b0;
+            seen_q         <= (LAST_SHIFT + 1)'(1 << FIRST_SHIFT);
         end
     end
 

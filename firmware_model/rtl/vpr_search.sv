@@ -39,7 +39,7 @@ module vpr_search #(
 
     // first clock: compare
     logic                  update_q;
-    logic                  sum_lower_q, sum_equal_q, sum_below_second_q, oldest_lower_q;
+    logic                  becomes_q, sum_equal_q, becomes_second_q, nearer_q;
     logic [PLACE_BITS-1:0] oldest_place_q;
 
     // the sum of DELAY places before, inverted, as it is compared
@@ -57,24 +57,23 @@ module vpr_search #(
     wire [SUM_BITS:0] below_second = {1'b0, second_sum_o} + {1'b0, ~sum_i};
     wire [SUM_BITS:0] below_left   = {1'b0, left_sum_q} + {1'b0, oldest_inverse};
 
+    wire leaves  = filled_q == ZONE_BITS'(DELAY);
+    wire outside = behind_q == ZONE_BITS'(EXCLUSION);
+
     always_ff @(posedge clk_i) begin
-        update_q           <= sum_valid_i && !start_i && !rst_i;
-        sum_lower_q        <= below_best[SUM_BITS];
-        sum_equal_q        <= sum_i == best_sum_o;
-        sum_below_second_q <= below_second[SUM_BITS];
-        oldest_lower_q     <= below_left[SUM_BITS];
-        oldest_place_q     <= place_i - PLACE_BITS'(DELAY);
+        update_q         <= sum_valid_i && !start_i && !rst_i;
+        becomes_q        <= !has_best_o || below_best[SUM_BITS];
+        sum_equal_q      <= sum_i == best_sum_o;
+        becomes_second_q <= outside && (!has_second_o || below_second[SUM_BITS]);
+        nearer_q         <= leaves && (!has_left_q || below_left[SUM_BITS]);
+        oldest_place_q   <= place_i - PLACE_BITS'(DELAY);
     end
 
     // second clock: update
-    wire leaves   = filled_q == ZONE_BITS'(DELAY);
-    wire nearer   = leaves && (!has_left_q || oldest_lower_q);
-    wire becomes  = !has_best_o || sum_lower_q;
-    wire outside  = behind_q == ZONE_BITS'(EXCLUSION);
-    assign became_o = update_q && becomes;
+    assign became_o = update_q && becomes_q;
 
-    wire [PLACE_BITS-1:0] left_d     = nearer ? oldest_place_q : left_q;
-    wire [SUM_BITS-1:0]   left_sum_d = nearer ? oldest : left_sum_q;
+    wire [PLACE_BITS-1:0] left_d     = nearer_q ? oldest_place_q : left_q;
+    wire [SUM_BITS-1:0]   left_sum_d = nearer_q ? oldest : left_sum_q;
 
     always_ff @(posedge clk_i) begin
         if (update_q) begin
@@ -83,7 +82,7 @@ module vpr_search #(
             left_q     <= left_d;
             left_sum_q <= left_sum_d;
             has_best_o <= 1'b1;
-            if (becomes) begin
+            if (becomes_q) begin
                 best_o       <= place_i;
                 best_sum_o   <= sum_i;
                 ties_o       <= '0;
@@ -94,7 +93,7 @@ module vpr_search #(
             end else begin
                 if (sum_equal_q) ties_o <= ties_o + 1'b1;
                 if (!outside) behind_q <= behind_q + 1'b1;
-                else if (!has_second_o || sum_below_second_q) begin
+                if (becomes_second_q) begin
                     has_second_o <= 1'b1;
                     second_o     <= place_i;
                     second_sum_o <= sum_i;

@@ -5,7 +5,7 @@
 // A gain looks at the sum of the newest 1, 2 or 4 windows: the slower the drive by it, the longer.
 // `rank_o` is of the highest gain, and each lower one has one less, down to 0: from 3 on it is the sum of
 // four, from 1 on of two. It stands with `ready_o`, which falls with `settled_i`. `has_few_i` stands from
-// two clocks after the first clock of `settled_i` on.
+// three clocks after the first clock of `settled_i` on.
 module vpr_speed (
     input  logic              clk_i,
     input  logic              rst_i,
@@ -17,7 +17,7 @@ module vpr_speed (
 );
     localparam int FRACTION = 4;
 
-    logic [2:0]         settled_q;  // for so many clocks
+    logic [3:0]         settled_q;  // for so many clocks
     logic signed [13:0] speed_q;
     logic signed [14:0] difference_q;
     logic [6:0]         windows_q;       // that moved it, and one
@@ -31,16 +31,16 @@ module vpr_speed (
     wire [6:0]  rank = 7'd1 - half_octaves_q;
 
     always_ff @(posedge clk_i) begin
-        settled_q      <= settled_i ? {settled_q[1:0], 1'b1} : '0;
-        moves_q        <= settled_q[2] && left_q == 7'd1;
-        stands_q       <= settled_q[2] && left_q == 0 && !moves_q;
+        settled_q      <= settled_i ? {settled_q[2:0], 1'b1} : '0;
+        moves_q        <= settled_q[3] && left_q == 7'd1;
+        stands_q       <= settled_q[3] && left_q == 0 && !moves_q;
         ready_o        <= stands_q;
         half_octaves_q <= speed_q[13:7] + 7'(speed_q[6]);
         // above 9 it is of four for all gains
         rank_o         <= {4{!rank[6]}} & (rank[3:0] | {4{|rank[5:4]}});
-        if (!settled_q[2]) begin
+        if (!settled_q[3]) begin
             difference_q <= ~difference_inverse;
-            left_q       <= settled_q[1] && !has_few_i ? windows_q : '0;
+            left_q       <= settled_q[2] && !has_few_i ? windows_q : '0;
         end else begin
             if (left_q[6:1] != 0) difference_q <= difference_q >>> 1;
             left_q <= left_q >> 1;

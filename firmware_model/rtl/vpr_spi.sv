@@ -101,7 +101,7 @@ module vpr_spi #(
                     : of_places_q ? INDEX_BITS'(PLACE_BYTES - 1)
                     : of_start_q ? INDEX_BITS'(START_BYTES - 1) : INDEX_BITS'(MATCH_BYTES - 1);
         complete_q <= got_byte_q && index_q == last_index_q;
-        if (got_command_q) index_q <= '0;
+        if (idle) index_q <= '0;
         else if (got_byte_q) index_q <= index_q == last_index_q ? '0 : index_q + 1'b1;
         // what waits to be taken stays, and what is sent meanwhile is lost
         if (got_byte_q && room) value_q <= (8 * WIDER)'({bits_q, value_q} >> 8);
@@ -121,12 +121,14 @@ module vpr_spi #(
     assign start_value_o = value_q[8*WIDER-1-:START_BITS];
 
     // answers
-    wire [8*MATCH_BYTES-1:0] match_bytes = (8 * MATCH_BYTES)'(match_tdata_i);
-    wire [7:0]               status      = {lost_q, 5'b0, match_tvalid_i, room};
+    logic [8*MATCH_BYTES-1:0] match_q;  // of the match, from the byte of `index_q` on
+    wire  [7:0]               status = {lost_q, 5'b0, match_tvalid_i, room};
 
     always_ff @(posedge clk_i) begin
+        if (got_byte_q) match_q <= match_q >> 8;
+        else if (index_q == 0) match_q <= (8 * MATCH_BYTES)'(match_tdata_i);
         if (bit_index_q == 0 && !rise) begin
-            if (commanded_q && of_match_q) answer_q <= match_bytes[8*index_q+:8];
+            if (commanded_q && of_match_q) answer_q <= match_q[7:0];
             else answer_q <= status;
         end else if (fall) answer_q <= {answer_q[6:0], 1'b0};
     end

@@ -58,7 +58,7 @@ module vpr_step_costs #(
 
     vpr_rom #(
         .DEPTH(PLACES), .BITS(8), .ADDRESS_BITS(PLACE_BITS), .FILE("place_activity.mem"),
-        .LOADABLE(LOADABLE)
+        .LOADABLE(LOADABLE), .STYLE("block")
     ) place_activity (
         .clk_i(clk_i), .enable_i(1'b1), .address_i(place_i), .word_o(of_place_o),
         .load_i(load_i), .load_address_i(load_address_i), .load_word_i(load_word_i)

@@ -30,7 +30,7 @@ module vpr_window_timer #(
     // `due_q`, as carries through both take too long. It would go through to the highest bit if the
     // others of the upper half are all 1 (`passes_q`), and is added when the end has moved.
     logic [TIMESTAMP_BITS-1:0] end_inverse_q, behind_q;
-    logic                      low_zero_q, due_q, passes_q;
+    logic                      low_ones_q, due_q, passes_q;
     logic [STEP_BITS-1:0]      step_q;
     logic                      end_carry_q;
     logic [1:0]                behind_carry_q;
@@ -38,7 +38,8 @@ module vpr_window_timer #(
     logic added_q;  // the bit of -TAU_US for this step, which is selected in the one before
 
     // `behind_q` is not negative, or the lowest number, which is its own negative
-    assign over_o = behind_q[TIMESTAMP_BITS-1] == (due_q && passes_q) || low_zero_q;
+    assign over_o = behind_q[TIMESTAMP_BITS-1] == (due_q && passes_q)
+        || (low_ones_q && passes_q);
 
     wire [2:0] moved    = 3'(behind_q[0]) + 3'(added_q) + 3'(behind_carry_q);
     wire       next_bit = moved[0];
@@ -57,13 +58,13 @@ module vpr_window_timer #(
                 + {1'b0, end_inverse_q[LOW_BITS-1:0], 1'b1}) >> 1);
             behind_q[TIMESTAMP_BITS-1:LOW_BITS] <=
                 timestamp_i[TIMESTAMP_BITS-1:LOW_BITS] + end_inverse_q[TIMESTAMP_BITS-1:LOW_BITS];
-            low_zero_q <= &ones;
+            low_ones_q <= &(ones | ~LOW);
             passes_q   <= &(ones | LOW);
         end else if (!settled_o) begin
             behind_q <= {next_bit, behind_q[TIMESTAMP_BITS-1:1]};
             if (turns) due_q <= 1'b0;
             // what has moved by TAU_US is not the lowest number
-            low_zero_q <= 1'b0;
+            low_ones_q <= 1'b0;
         end
         if (settled_o) begin
             step_q         <= '0;

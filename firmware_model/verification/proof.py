@@ -45,7 +45,7 @@ class Claim:
 
 _REGISTERS_OF_SEARCH = (
     *("delay.delayed_q", "filled_q", "behind_q", "has_left_q", "left_q", "left_sum_q", "update_q"),
-    *("sum_lower_q", "sum_equal_q", "sum_below_second_q", "oldest_lower_q", "oldest_place_q"),
+    *("becomes_q", "sum_equal_q", "becomes_second_q", "nearer_q", "oldest_place_q"),
 )
 
 

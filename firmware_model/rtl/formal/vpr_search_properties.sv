@@ -29,7 +29,7 @@ module vpr_search_properties #(
     logic                      has_left, update;
     logic [PLACE_BITS-1:0]     left, oldest_place;
     logic [SUM_BITS-1:0]       left_sum;
-    logic                      sum_lower, sum_equal, sum_below_second, oldest_lower;
+    logic                      becomes, sum_equal, becomes_second, nearer;
 
     vpr_search search (
         .clk_i(clk), .rst_i(rst), .start_i(start), .sum_valid_i(sum_valid), .place_i(place),
@@ -37,8 +37,8 @@ module vpr_search_properties #(
         .has_best_o(has_best), .best_o(best), .best_sum_o(best_sum), .ties_o(ties),
         .has_second_o(has_second), .second_o(second), .second_sum_o(second_sum),
         .delayed_q(delayed), .filled_q(filled), .behind_q(behind), .has_left_q(has_left), .left_q(left),
-        .left_sum_q(left_sum), .update_q(update), .sum_lower_q(sum_lower), .sum_equal_q(sum_equal),
-        .sum_below_second_q(sum_below_second), .oldest_lower_q(oldest_lower),
+        .left_sum_q(left_sum), .update_q(update), .becomes_q(becomes), .sum_equal_q(sum_equal),
+        .becomes_second_q(becomes_second), .nearer_q(nearer),
         .oldest_place_q(oldest_place)
     );
 
@@ -124,10 +124,12 @@ module vpr_search_properties #(
                     assert (next_place == n + pending);
                     if (pending) begin
                         assert ({1'b0, last_place} == n);
-                        assert (sum_lower == (last_sum < best_sum));
+                        assert (becomes == (!has_best || last_sum < best_sum));
                         assert (sum_equal == (last_sum == best_sum));
-                        assert (sum_below_second == (last_sum < second_sum));
-                        assert (oldest_lower == (sums[EXCLUSION*SUM_BITS+:SUM_BITS] < left_sum));
+                        assert (becomes_second == (behind == EXCLUSION
+                            && (!has_second || last_sum < second_sum)));
+                        assert (nearer == (filled == DELAY
+                            && (!has_left || sums[EXCLUSION*SUM_BITS+:SUM_BITS] < left_sum)));
                         assert ({1'b0, oldest_place} + DELAY == n || filled != DELAY);
                     end
                     assert (n >= wide_first && next_place <= 1 << PLACE_BITS);
