@@ -455,8 +455,8 @@ def test_the_bench_in_python_replays_a_case_and_finds_a_fault(tmp_path):
     check_files(tmp_path / "vectors")  # nothing is left beside them
     file = tmp_path / "src" / "vpr_counters.sv"
     text = file.read_text("ascii")
-    assert text.count("count + 1") == 1
-    file.write_text(text.replace("count + 1", "count - 1"), "ascii")
+    assert text.count("} + 1") == 1
+    file.write_text(text.replace("} + 1", "} - 1"), "ascii")
     broken = ran(*command, cwd=tmp_path, code=1)
     assert "1 cases, 1 differ" in broken.stdout
     assert "m_event 0 is" in broken.stdout + broken.stderr
@@ -997,7 +997,7 @@ def test_the_search_the_prediction_and_the_delay_are_proved(claim):
 #: a part of each unit's source, and what makes its claim wrong
 WRONG = {
     proof.SMALL_SEARCH.top: (
-        "nearer ? oldest_place_q : left_q",
+        "nearer_q ? oldest_place_q : left_q",
         "leaves ? oldest_place_q : left_q",
     ),
     proof.PREDICTION.top: ("right < left ? right : left", "right < left ? left : right"),
