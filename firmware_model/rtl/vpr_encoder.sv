@@ -67,10 +67,9 @@ module vpr_encoder #(
     logic begins_q;    // a pass over all slots, behind a reset and of a next sum
     logic next_sum;
     wire  starts    = start_i || again || begins_q;
-    wire  first_sum = SUMS == 1 || sum_o == 2'(SUMS - 1);
+    logic counters_q;  // the pass is of the first sum, or clears
 
-    assign draining_o   = (issuing_q || counted_q || begins_q) && !(CONTRAST && encodes_q)
-                          && (first_sum || clearing_q);
+    assign draining_o   = (issuing_q || counted_q || begins_q) && !(CONTRAST && encodes_q) && counters_q;
     assign drain_o      = step && issuing_q;
     assign drain_slot_o = index_q;
 
@@ -111,15 +110,21 @@ module vpr_encoder #(
 
     generate
         if (SUMS == 1) begin : g_one_sum
-            assign sum_o    = '0;
-            assign next_sum = 1'b0;
+            assign sum_o      = '0;
+            assign next_sum   = 1'b0;
+            assign counters_q = 1'b1;
         end else begin : g_sums
             // behind its words; behind a reset there are none
             assign next_sum = sum_o != 0
                 && (clearing_q ? counted_q && counted_last_q : word_valid_o && word_last_o);
             always_ff @(posedge clk_i)
-                if (start_i || rst_i) sum_o <= 2'(SUMS - 1);
-                else if (next_sum) sum_o <= sum_o - 1'b1;
+                if (start_i || rst_i) begin
+                    sum_o      <= 2'(SUMS - 1);
+                    counters_q <= 1'b1;
+                end else begin
+                    if (next_sum) sum_o <= sum_o - 1'b1;
+                    if (next_sum ? !clearing_q : sum_o == 0 && counted_q && counted_last_q) counters_q <= 1'b0;
+                end
         end
         if (CONTRAST) begin : g_contrast
             logic                  count_valid, count_last, count_clearing;
