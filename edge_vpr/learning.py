@@ -152,7 +152,7 @@ def _averaged(
         before = places.counts.astype(np.int32) << FRACTION_BITS
         drives = np.ones(len(places), dtype=np.uint8)
     weight = np.minimum(drives, MOST_DRIVES).astype(np.int64)
-    code, initial = reference.contrast_code, reference.mean
+    code, initial = reference.settings.contrast_code, reference.mean
     if code is None or initial is None:
         fine = reference.coded(counted).counts.astype(np.int64) << FRACTION_BITS
     else:

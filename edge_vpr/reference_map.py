@@ -36,7 +36,7 @@ from edge_vpr.recordings.reading import Camera
 from edge_vpr.route import Route, along_columns, length_m
 from edge_vpr.settings import MatchingChanges, Preset, SettingChanges, Settings
 from fixedpoint.formats import packed_bytes
-from fixedpoint.own_mean import FULL_SCALE, ContrastCode
+from fixedpoint.own_mean import FULL_SCALE
 
 if TYPE_CHECKING:
     from edge_vpr.descriptors.counting import Removed
@@ -151,8 +151,10 @@ class ReferenceMap(EqualByValue):
             raise MapError(f"position has {len(self.route.along_m)} rows for {len(places)} places")
         if self.odometer_mm is not None:
             check_distance_driven(self.odometer_mm, len(places))
-        self._check_learnt()
-        code, most = self.contrast_code, settings.most_counted
+        if self.learnt_mean is not None and self.drives is not None:
+            check_array(self.learnt_mean, "learnt_mean", (np.int32,), places.counts.shape)
+            check_array(self.drives, "drives", (np.uint8,), (len(places),))
+        code, most = settings.contrast_code, settings.most_counted
         if code is None:
             if most is not None:
                 check_range(places.counts, "counts", 0, most)
@@ -166,13 +168,6 @@ class ReferenceMap(EqualByValue):
         check_array(self.limits, "limits", (np.int32,), (counters,))
         check_range(self.limits, "limits", 0, FULL_SCALE)
         check_range(places.counts, "counts", 0, (1 << code.bits) - 1)
-
-    def _check_learnt(self) -> None:
-        """Check the shapes of what was learnt from several drives, if it is there."""
-        if self.learnt_mean is None or self.drives is None:
-            return
-        check_array(self.learnt_mean, "learnt_mean", (np.int32,), self.places.counts.shape)
-        check_array(self.drives, "drives", (np.uint8,), (len(self.places),))
 
     @classmethod
     def build(
@@ -376,7 +371,14 @@ class ReferenceMap(EqualByValue):
         """
         if settings is not None:
             expect(settings, Settings, "settings", "Settings, or keywords such as precision=0.99")
-        chosen = self.settings.of_match(settings or self.settings, changes, by)
+        chosen = (settings or self.settings).at_places_of(self.settings).replaced(changes, by)
+        for name, own in self.settings.of_map.items():
+            wanted = getattr(chosen, name)
+            if wanted != own:
+                raise UsageError(
+                    f"{by}: setting {name} = {wanted!r}, and the map was made with {own!r}: match "
+                    "with the map's, or build another map"
+                )
         matched = self.matched_with(chosen)
         asks_for_another = chosen.stays_on_map and not self.settings.stays_on_map
         if asks_for_another and matched.confidence is not None:
@@ -439,11 +441,6 @@ class ReferenceMap(EqualByValue):
     def mean_activity(self) -> int:
         """Mean of the counted events of the reference's windows, see `activity_of_drive`."""
         return activity_of_drive(self.windows.counted_events)
-
-    @property
-    def contrast_code(self) -> ContrastCode | None:
-        """The contrast code; None if the places hold counts."""
-        return self.settings.contrast_code
 
     @property
     def along_mm(self) -> npt.NDArray[np.int64] | None:
@@ -515,9 +512,10 @@ class ReferenceMap(EqualByValue):
         settings, code = self.settings, self.settings.contrast_code
         if code is None:
             return saturated(counted, settings.most_counted)
-        activity, start = self.mean_activity, self.mean if settings.running_mean else None
+        # as on a robot; smoothed drives and sequences subtract the mean of the whole query drive
+        start = self.mean if settings.matching == "filter" and not settings.smooth else None
         counted = replace(counted, counted=self.counted_events(counted))
-        return encode(counted, code, activity, settings.hypotheses, start)
+        return encode(counted, code, self.mean_activity, settings.hypotheses, start)
 
     def counted_events(self, counted: Descriptors) -> npt.NDArray[np.int64]:
         """Return the events of each window of counts that count, shape (n,)."""
@@ -527,7 +525,7 @@ class ReferenceMap(EqualByValue):
 
     def decoded(self, descriptors: Descriptors) -> Descriptors:
         """Replace contrast codes by typical counts, for plots."""
-        code = self.contrast_code
+        code = self.settings.contrast_code
         if code is None or self.mean is None:
             return descriptors
         return replace(descriptors, counts=narrow(code.decode(descriptors.counts, self.mean)))
@@ -540,7 +538,7 @@ class ReferenceMap(EqualByValue):
     @property
     def counter_bits(self) -> int:
         """Number of bits of the code of a counter, or of its stored count."""
-        code, most = self.contrast_code, self.settings.most_counted
+        code, most = self.settings.contrast_code, self.settings.most_counted
         if code is not None:
             return code.bits
         return 8 * self.places.counts.itemsize if most is None else most.bit_length()

@@ -523,40 +523,10 @@ class Settings:
             return self
         return replace(self, places_per_window=reference.places_per_window)
 
-    def of_match(self, settings: Settings, changes: Mapping[str, Any], by: str) -> Settings:
-        """Return settings for a match with a map of these settings.
-
-        Parameters
-        ----------
-        settings : Settings
-            Before the changes; those that the map was made with must be the map's.
-        changes : mapping
-            Single settings, by name.
-        by : str
-            Who asks, for error messages.
-        """
-        chosen = settings.at_places_of(self).replaced(changes, by)
-        for name, own in self.of_map.items():
-            wanted = getattr(chosen, name)
-            if wanted != own:
-                raise UsageError(
-                    f"{by}: setting {name} = {wanted!r}, and the map was made with {own!r}: match "
-                    "with the map's, or build another map"
-                )
-        return chosen
-
     @property
     def hypotheses(self) -> int:
         """Number of gains that the filter follows: with other codes or windows by count, 1."""
         return self.gains if self.profile == "robot" else 1
-
-    @property
-    def running_mean(self) -> bool:
-        """Whether contrast codes of a query subtract a running mean, as on a robot.
-
-        Smoothed drives and sequences subtract the mean of the whole query drive.
-        """
-        return self.matching == "filter" and not self.smooth
 
     @property
     def score(self) -> Score:
@@ -606,16 +576,14 @@ class Settings:
     @property
     def _beyond_profiles(self) -> dict[str, str]:
         """Return the settings that keep these from the nearest profile, and their values there."""
-        filters = self.matching == "filter"
-        wanted: dict[str, tuple[bool, str]] = {
-            "clip": (not self.clip, "none"),
-            "window": (not filters or self.window == "time", "time"),
-        }
-        if filters:
-            wanted["counter_code"] = (self.counter_code == "contrast", "contrast")
-        else:
-            wanted["counter_code"] = (self.counter_code != "contrast", "linear")
-        return {name: value for name, (fits, value) in wanted.items() if not fits}
+        filters, wanted = self.matching == "filter", {}
+        if self.clip:
+            wanted["clip"] = "none"
+        if filters and self.window != "time":
+            wanted["window"] = "time"
+        if filters != (self.counter_code == "contrast"):
+            wanted["counter_code"] = "contrast" if filters else "linear"
+        return wanted
 
     @property
     def of_trust(self) -> tuple[object, ...]:

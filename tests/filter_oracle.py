@@ -80,7 +80,8 @@ def running_codes(reference: ReferenceMap, counted: Rows, newest: Rows) -> list[
 
     The sums of the last window are given, as a window that is not over may have others.
     """
-    code, mean_activity, paused = reference.contrast_code, of_reference(reference).mean_activity, []
+    code, paused = reference.settings.contrast_code, []
+    mean_activity = of_reference(reference).mean_activity
     assert code is not None and reference.mean is not None
     for events in events_that_count(reference, counted):
         paused.append(is_pause(events, mean_activity))

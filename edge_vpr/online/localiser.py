@@ -101,8 +101,7 @@ class Localiser:
         expect(
             reference, ReferenceMap, "reference", "a ReferenceMap, as of ReferenceMap.load(path)"
         )
-        if reference.settings.smooth:
-            reference = reference.causal()
+        reference = reference.causal()
         self.settings = settings = reference.settings
         if settings.profile is None:
             raise UsageError(settings.beyond_profile)
@@ -115,7 +114,7 @@ class Localiser:
         self.unseen_time = UnseenTime(self._window)
         self._filter: PlaceFilter | None = None
         self.odometer, self.odometer_check = Odometer(), OdometerCheck()
-        self._code, self.means = reference.contrast_code, list[RunningMean]()
+        self._code, self.means = settings.contrast_code, list[RunningMean]()
         self._windows = 0  # that the place filter has finished
         self._silence: tuple[object, ...] = ()  # the filter after a window without events
         if settings.matching == "filter":

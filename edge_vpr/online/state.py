@@ -106,7 +106,7 @@ def state_before(
         Its arrays are shared, not copied; without it, sequences are matched.
     """
     settings, acceptance = reference.settings, reference.acceptance
-    code: ContrastCode | int | None = reference.contrast_code
+    code: ContrastCode | int | None = settings.contrast_code
     if code is None:
         most = settings.most_counted
         code = UNLIMITED if most is None else most

@@ -47,7 +47,7 @@ def test_the_new_codes_are_the_rounded_mean_of_both_drives(drives: Drives, numbe
     assert update.aligned.mean() > 0.9
 
     # in plain Python and exact fractions
-    code = route.contrast_code
+    code = route.settings.contrast_code
     assert code is not None and route.mean is not None
     levels = code.level(counted.counts).tolist()
     n, counters = counted.counts.shape

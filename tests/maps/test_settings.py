@@ -153,12 +153,6 @@ def test_a_file_takes_the_names_of_attributes_too(tmp_path, names, flags):
     assert by_file(tmp_path, names) == by_flags(*flags.split())
 
 
-def test_the_mean_of_a_query_is_a_running_one_where_no_later_windows_are_known():
-    matchings = ({"matching": "sequence"}, {"smooth": True}, {"smooth": False})
-    chosen = [PRESETS["default"].replaced(one, "") for one in matchings]
-    assert [one.running_mean for one in chosen] == [False, False, True]
-
-
 @pytest.mark.parametrize("name", ["clip", "events_per_pixel", "precision"])
 def test_none_and_not_zero_stands_for_what_is_absent(name):
     assert getattr(Settings(**{name: None}), name) is None

@@ -101,7 +101,7 @@ def pipeline(folder: Path, path: Path) -> None:
     i = int(len(replay) * _SHOWN)
     reference, matches = replay.reference, replay.outcome.matches
     place, pixels = int(matches.place[i]), reference.pixel_map
-    code = reference.contrast_code
+    code = reference.settings.contrast_code
     assert code is not None
     assert replay.images is not None
     along_m = reference.along_mm
