@@ -40,7 +40,6 @@ from .map_making import describe as describe
 from .map_making import fitting_window as fitting_window
 from .match_result import MatchResult as MatchResult
 from .matching.distances import ReferenceIndex as ReferenceIndex
-from .matching.distances import distance_matrix as distance_matrix
 from .matching.drive import match_descriptors as match_descriptors
 from .matching.match import MATCH_DTYPE as MATCH_DTYPE
 from .matching.match import Match as Match

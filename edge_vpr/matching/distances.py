@@ -200,11 +200,6 @@ class ReferenceIndex:
         if self._wide is None:
             self._packed, _ = self._pack(counts)
 
-    @property
-    def nbytes(self) -> int:
-        """Memory of the packed descriptors."""
-        return self._packed.nbytes if self._wide is None else self._wide.nbytes
-
     def distances(self, descriptor: npt.ArrayLike) -> Distances:
         """Return the distance of one query descriptor to every place.
 
@@ -227,7 +222,7 @@ class ReferenceIndex:
         return self._add_excess(out, np.array([excess]))[0] if excess else out[0]
 
     def matrix(self, queries: npt.ArrayLike) -> Distances:
-        """Return the distance of every query to every place.
+        """Return the distance of every query to every place (method.md section 4).
 
         Parameters
         ----------
@@ -338,22 +333,6 @@ def typical_distances(places: npt.NDArray[np.integer[Any]]) -> npt.NDArray[np.in
         total += sums.ravel()[of].sum(axis=1)
     mean = total // len(places)
     return np.asarray(mean - mean.sum() // len(places))
-
-
-def distance_matrix(reference: npt.ArrayLike, query: npt.ArrayLike) -> Distances:
-    """Return the distance of every query to every reference place (method.md section 4).
-
-    Parameters
-    ----------
-    reference, query : ndarray of int, shape (K, J) and (Q, J)
-        Any integer dtypes, counts of at most 32 bits.
-
-    Returns
-    -------
-    ndarray of int32 or int64, shape (K, Q)
-        See :meth:`ReferenceIndex.matrix`.
-    """
-    return ReferenceIndex(reference).matrix(query)
 
 
 def _integers(values: npt.ArrayLike, name: str, ndim: int) -> Integers:

@@ -333,39 +333,9 @@ def query_distances(
     Returns
     -------
     ndarray of float64, shape (K, Q)
-        All finite, see `drive_distances`.
-    """
-    return drive_distances(
-        reference.places,
-        queries,
-        reference.settings,
-        along_mm=reference.along_mm,
-        odometry=odometry,
-    )
-
-
-def drive_distances(
-    places: Descriptors,
-    queries: Descriptors,
-    settings: Settings,
-    *,
-    along_mm: npt.NDArray[np.int64] | None = None,
-    odometry: Odometry | None = None,
-) -> npt.NDArray[np.float64]:
-    """Return the distance of each query window to each place, as `match_descriptors` compares them.
-
-    Parameters
-    ----------
-    places, queries : Descriptors
-        K places and Q query windows.
-    along_mm, odometry
-        See `match_descriptors`.
-
-    Returns
-    -------
-    ndarray of float64, shape (K, Q)
         All finite: by sequences `sequence_distances`, by the place filter its metric at each place.
     """
+    places, settings = reference.places, reference.settings
     check_queries(places, queries, settings)
     size = len(places) * len(queries) * 8
     if size > MOST_BYTES:
@@ -375,7 +345,7 @@ def drive_distances(
         )
     if settings.matching == "filter":
         return filter_drive(
-            PlaceFilter.of(places, settings, along_mm), ReferenceIndex(places.counts),
+            PlaceFilter.of(places, settings, reference.along_mm), ReferenceIndex(places.counts),
             queries, odometry, smooth=settings.smooth, with_metrics=True,
         ).metrics  # fmt: skip
     if odometry is not None:

@@ -44,8 +44,6 @@ def sequence_sums(distances: npt.NDArray[np.integer], length: int) -> npt.NDArra
 
 def check_length(length: int, places: int, queries: int) -> None:
     """Check that sequences of this length fit into both traverses."""
-    if length < 1:
-        raise UsageError(f"sequence length {length}: expected 1 or more")
     if length > min(places, queries):
         raise UsageError(
             f"sequence length {length} is longer than the traverse ({places} reference places, "
@@ -62,35 +60,11 @@ def middle_window(length: int) -> int:
     return length // 2
 
 
-Sums = npt.NDArray[np.int64]
-
-
-def ratio_to_second(best: Sums, second: Sums) -> npt.NDArray[np.float64]:
-    """Return the best divided by the second-best distance; lower means more confident.
-
-    Parameters
-    ----------
-    best, second : ndarray of int64, shape (n,)
-        Sums of distances; -1 where there is no second.
-
-    Returns
-    -------
-    ndarray of float64, shape (n,)
-        0 to 1; 1 where both are zero, NaN where there is no second.
-    """
-    ratio = np.full(best.shape, np.nan)
-    np.divide(best, second, out=ratio, where=second > 0)
-    ratio[second == 0] = 1.0
-    return ratio
-
-
-def margin_to_second(best: Sums, second: Sums) -> Sums:
-    """Return the second-best less the best sum of distances; 0 if there is no second (-1)."""
-    return np.where(second < 0, 0, second - best)
-
-
 class BestSequences(NamedTuple):
-    """Best places of n sequences, with their sums of distances; place 0 is the first sum."""
+    """Best places of n sequences, with their sums of distances; place 0 is the first sum.
+
+    Without a second place, `second` and `second_sum` are -1.
+    """
 
     place: npt.NDArray[np.int64]
     distance_sum: npt.NDArray[np.int64]
@@ -134,7 +108,9 @@ def sequence_matches(
     )
     offset = middle_window(settings.sequence_length)
     query = np.arange(len(best), dtype=np.int64) + offset
-    trust = margin_to_second(best_sum, second_sum)
+    ratio = np.where(second_sum < 0, np.nan, 1.0)  # 1 where both distances are zero
+    np.divide(best_sum, second_sum, out=ratio, where=second_sum > 0)
+    trust = np.where(second_sum < 0, 0, second_sum - best_sum)
     misfit = np.full(trust.shape, NO_MISFIT, dtype=np.int64)
     probability, lost = acceptance.accept(trust, misfit)
     return Matches(
@@ -146,7 +122,7 @@ def sequence_matches(
         distance=best_sum / settings.sequence_length,
         second=np.where(second < 0, -1, second + offset),
         second_distance=np.where(second < 0, np.nan, second_sum / settings.sequence_length),
-        ratio=ratio_to_second(best_sum, second_sum),
+        ratio=ratio,
         ties=ties,
         candidates=np.where(candidates < 0, -1, candidates + offset),
         trust=trust,

@@ -18,7 +18,7 @@ from edge_vpr.descriptors.counting import DescriptorStream
 from edge_vpr.descriptors.pixels import PixelMap
 from edge_vpr.descriptors.windows import FixedCount, FixedTime
 from edge_vpr.events import Sensor, make_events
-from edge_vpr.matching.distances import distance_matrix
+from edge_vpr.matching.distances import ReferenceIndex
 from edge_vpr.matching.match import Match
 from edge_vpr.matching.place_filter import PlaceFilter
 from edge_vpr.matching.prediction import TransitionCosts, Transitions
@@ -75,7 +75,8 @@ def pipeline(memories: Memories, events: list[Event], start: int):
         return codes, by_filter(memories, sums, events)
     if len(codes) < design.length:
         return codes, []
-    sums = sequence_sums(distance_matrix(np.array(memories.places), codes), design.length)
+    distances = ReferenceIndex(np.array(memories.places)).matrix(codes)
+    sums = sequence_sums(distances, design.length)
     matches, last = [], design.length - 1
     for j, (best, second, ties) in enumerate(
         zip(*map(np.ndarray.tolist, best_matches(sums, design.exclusion)), strict=True)

@@ -14,7 +14,7 @@ from numba import njit
 
 from edge_vpr.errors import UsageError
 from edge_vpr.matching import distances as sad
-from edge_vpr.matching.distances import ReferenceIndex, distance_matrix, typical_distances
+from edge_vpr.matching.distances import ReferenceIndex, typical_distances
 from edge_vpr.matching.search import best_matches
 from firmware_model import specification_drive
 from tests import naive
@@ -56,7 +56,6 @@ def test_distances_equal_the_oracle_for_any_integers(seed, K, Q, J, dtypes, limi
     matrix = index.matrix(queries)
     assert matrix.tolist() == naive.distance_matrix(reference.tolist(), queries.tolist())
     assert matrix.dtype in (np.int32, np.int64)
-    assert np.array_equal(distance_matrix(reference, queries), matrix)
     rows = index.rows(queries)
     assert np.array_equal(rows, matrix.T) and rows.flags.c_contiguous
     assert rows.dtype == matrix.dtype
@@ -70,14 +69,14 @@ def test_more_places_than_a_cache_tile_are_all_compared(dtype, K, Q):
     rng = np.random.default_rng(5)
     reference = rng.integers(0, np.iinfo(dtype).max, (K, 40), dtype=dtype, endpoint=True)
     queries = rng.integers(0, np.iinfo(dtype).max, (Q, 40), dtype=dtype, endpoint=True)
-    matrix = distance_matrix(reference, queries)
+    matrix = ReferenceIndex(reference).matrix(queries)
     assert matrix.tolist() == naive.distance_matrix(reference.tolist(), queries.tolist())
 
 
 def test_rows_longer_than_a_cache_tile_are_summed_to_their_end():
     reference = np.arange(60_000, dtype=np.uint16).reshape(2, 30_000)
     query = reference[::-1] // 2
-    matrix = distance_matrix(reference, query)
+    matrix = ReferenceIndex(reference).matrix(query)
     assert matrix.tolist() == naive.distance_matrix(reference.tolist(), query.tolist())
 
 
@@ -97,13 +96,15 @@ def test_rows_longer_than_a_cache_tile_are_summed_to_their_end():
 def test_a_sum_beyond_31_bits_widens_the_result_and_never_wraps(J, reference, query, dtype):
     # two places span the range, so that the packing cannot move it out of sight
     places = np.array([[reference] * J, [0] * J])
-    matrix = distance_matrix(places, np.array([[query] * J]))
+    matrix = ReferenceIndex(places).matrix(np.array([[query] * J]))
     assert matrix.tolist() == [[J * abs(reference - query)], [J * abs(query)]]
     assert matrix.dtype == dtype
 
 
 def test_without_pixels_every_distance_is_zero():
-    assert distance_matrix(np.empty((3, 0), int), np.empty((2, 0), int)).tolist() == [[0, 0]] * 3
+    assert (
+        ReferenceIndex(np.empty((3, 0), int)).matrix(np.empty((2, 0), int)).tolist() == [[0, 0]] * 3
+    )
 
 
 def test_layout_and_write_protection_of_the_input_do_not_matter():
@@ -112,14 +113,7 @@ def test_layout_and_write_protection_of_the_input_do_not_matter():
     strided = whole[::2, ::-2]
     strided.flags.writeable = False
     expected = naive.distance_matrix(strided.tolist(), strided.tolist())
-    assert distance_matrix(strided, np.asfortranarray(strided)).tolist() == expected
-
-
-def test_the_packed_reference_is_as_narrow_as_its_range_allows():
-    """150 counts with a span of 255 take 160 bytes a place, wherever the span lies."""
-    counts = np.arange(300).reshape(2, 150) % 256
-    assert ReferenceIndex(counts).nbytes == ReferenceIndex(counts + 10_000).nbytes == 2 * 160
-    assert ReferenceIndex(counts * 2).nbytes == 2 * 320
+    assert ReferenceIndex(strided).matrix(np.asfortranarray(strided)).tolist() == expected
 
 
 @pytest.mark.parametrize(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -10,16 +11,25 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from edge_vpr import Matches, ReferenceMap
+from edge_vpr.descriptors.pixels import PixelMap
 from edge_vpr.errors import MissingExtraError, UsageError
 from edge_vpr.events import Sensor
 from edge_vpr.matching import drive as module
-from edge_vpr.matching.drive import drive_distances, match_descriptors
+from edge_vpr.matching.drive import match_descriptors, query_distances
 from edge_vpr.recordings import open_recording
 from edge_vpr.settings import Settings
 from tests import naive
-from tests.streams import descriptors, write_drives
+from tests.streams import descriptors, map_of_counts, write_drives
 
 SENSOR = Sensor(16, 12)
+
+
+def distances_of(reference, query, settings):
+    """The matrix of counts, shape (K, J) and (Q, J)."""
+    x = np.arange(reference.shape[1])
+    settings = replace(settings, pixels=x.size)
+    route = map_of_counts(PixelMap(SENSOR, x, np.zeros_like(x)), reference, settings)
+    return query_distances(route, descriptors(query))
 
 
 @given(
@@ -30,7 +40,7 @@ def test_a_sequence_that_leaves_the_matrix_counts_what_is_inside(seed, places, q
     reference, query = rng.integers(0, 50, (places, 3)), rng.integers(0, 50, (queries, 3))
     length = data.draw(st.integers(1, min(places, queries)))
     settings = Settings(sequence_length=length)
-    matrix = drive_distances(descriptors(reference), descriptors(query), settings)
+    matrix = distances_of(reference, query, settings)
     before = length // 2
     plain = naive.distance_matrix(reference.tolist(), query.tolist())
     for k in range(places):
@@ -51,7 +61,7 @@ def test_a_match_is_where_its_column_is_least(smooth, matching):
     query = np.maximum(reference[5:30] + rng.integers(-2, 3, (25, 6)), 0)
     settings = Settings(matching=matching, smooth=smooth and matching == "filter")
     places, queries = descriptors(reference), descriptors(query)
-    matrix = drive_distances(places, queries, settings)
+    matrix = distances_of(reference, query, settings)
     assert matrix.shape == (40, 25)
     assert np.isfinite(matrix).all()
     matches = match_descriptors(places, queries, settings)
@@ -67,9 +77,9 @@ def test_a_match_is_where_its_column_is_least(smooth, matching):
 
 def test_a_matrix_that_would_fill_the_memory_is_refused(monkeypatch):
     monkeypatch.setattr(module, "MOST_BYTES", 100)
-    some = descriptors(np.ones((9, 2), np.int64))
+    some = np.ones((9, 2), np.int64)
     with pytest.raises(UsageError, match="read a part"):
-        drive_distances(some, some, Settings())
+        distances_of(some, some, Settings())
 
 
 @pytest.fixture(scope="module")

@@ -59,6 +59,11 @@ def test_matches_equal_the_oracle_in_blocks_of_any_size(
         assert kept.tolist() == [k + offset for k in nearest]
 
 
+def test_sums_beyond_32_bits_do_not_wrap():
+    distances = np.full((3, 3), 2**31 - 1, dtype=np.int32)
+    assert sequences.sequence_sums(distances, 3).tolist() == [[3 * (2**31 - 1)]]
+
+
 def test_the_ratio_is_one_in_doubt_and_not_a_number_without_a_second():
     settings = Settings(sequence_length=1, exclusion=1)
     reference = descriptors([[0], [9], [9], [0]])

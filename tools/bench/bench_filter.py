@@ -9,7 +9,7 @@ import pytest
 from table import OURS
 
 from edge_vpr.descriptors.windows import Descriptors
-from edge_vpr.matching.distances import distance_matrix, typical_distances
+from edge_vpr.matching.distances import ReferenceIndex, typical_distances
 from edge_vpr.matching.drive import match_descriptors
 from edge_vpr.matching.prediction import FRACTION_BITS, METRIC_TOP, bias_of
 from edge_vpr.settings import PRESETS, Settings
@@ -46,7 +46,7 @@ def by_numpy():
     bias = bias_of(typical_distances(places))
 
     def run():
-        distances = distance_matrix(places, queries).T + bias
+        distances = ReferenceIndex(places).matrix(queries).T + bias
         prediction, reciprocal, best = np.zeros(PLACES, dtype=np.int64), 0, []
         for row in distances:
             own = 2**16 // max(int(np.abs(row - row.sum() // PLACES).sum()) // PLACES, 1)
@@ -66,7 +66,7 @@ def by_numpy():
 
 def distances_alone():
     places, queries = drive(PLACES, 1).counts, drive(WINDOWS, 2).counts
-    return lambda: distance_matrix(places, queries)
+    return lambda: ReferenceIndex(places).matrix(queries)
 
 
 @pytest.mark.parametrize(

@@ -7,7 +7,7 @@ import pytest
 from numba import njit
 from table import OURS
 
-from edge_vpr.matching.distances import ReferenceIndex, distance_matrix
+from edge_vpr.matching.distances import ReferenceIndex
 
 J, ALL_PIXELS = 150, 346 * 260
 
@@ -117,7 +117,7 @@ def one_by_one(reference, queries):
 
 FIELDS = {
     bench_matrix: (
-        (OURS, lambda r, q: lambda: distance_matrix(r, q), {"rounds": 100}),
+        (OURS, lambda r, q: lambda: ReferenceIndex(r).matrix(q), {"rounds": 100}),
         ("OpenCV batchDistance, nearest only", by_opencv, {}),
         ("faiss pairwise_distances L1", by_faiss, {"target": 5}),
         ("faiss IndexFlat, nearest only", by_faiss_index, {"target": 5}),

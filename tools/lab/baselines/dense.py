@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from edge_vpr.descriptors.windows import narrow
 from edge_vpr.errors import UsageError, import_extra
-from edge_vpr.matching.distances import distance_matrix
+from edge_vpr.matching.distances import ReferenceIndex
 from lab.baselines.baseline import Baseline, Described, Images, VectorBaseline
 
 # Sums of absolute differences over the whole image: of counts, and of normalised patches.
@@ -33,7 +33,7 @@ class AbsoluteDifferences(VectorBaseline):
 
     def distances(self, places: Described, queries: Described) -> npt.NDArray[np.float64]:
         """Return the sums of absolute differences, shape (K, Q)."""
-        return distance_matrix(places, queries).astype(np.float64)
+        return ReferenceIndex(places).matrix(queries).astype(np.float64)
 
 
 class PatchNormalised(AbsoluteDifferences):
