@@ -84,7 +84,6 @@ def build(
             else load_pixel_map(pixel_map, drive.sensor)
         )
     track, odometry = track_of(track), odometry_of(odometry)
-    removed = Removed() if removed is None else removed
     made = replace(
         map_traverse(drive, chosen, pixel_map=pixel_map, hot=hot, removed=removed),
         frame_period=drive.frame_period,

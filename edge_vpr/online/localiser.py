@@ -140,12 +140,8 @@ class Localiser:
         windows = self.settings.windows_per_match
         if isinstance(self._window, FixedTime):
             return min(1.0, self.now_us / (windows * self._window.tau_us))
-        return min(1.0, self.selected / (windows * self._window.events))
-
-    @property
-    def selected(self) -> int:
-        """Events at the selected pixels so far."""
-        return int(self.state.windows.bound[0])
+        selected = int(self.state.windows.bound[0])
+        return min(1.0, selected / (windows * self._window.events))
 
     @property
     def now_us(self) -> int:

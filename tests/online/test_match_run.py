@@ -13,7 +13,7 @@ from numba import config
 from edge_vpr.confidence import Acceptance, Confidence
 from edge_vpr.errors import EventError, UsageError
 from edge_vpr.events import EVENT_DTYPE, Events, make_events
-from edge_vpr.online.kernels import process_events, selected_in_order
+from edge_vpr.online.kernels import process_events
 from edge_vpr.online.localiser import Localiser
 from edge_vpr.online.schedule import MatchSchedule
 from edge_vpr.online.sliding_windows import ContrastCodes, write_codes
@@ -21,8 +21,8 @@ from edge_vpr.online.state import MATCHES_AT_ONCE
 from fixedpoint.own_mean import ContrastCode
 from tests.online.test_filter_run import map_of as filtered_map
 from tests.online.test_filter_run import with_ways
-from tests.online.test_localiser import CODED, PIXEL_MAP, PIXELS, SENSOR, check_state, feed, map_of
-from tests.streams import as_tuples, random_events, split_events, with_sums
+from tests.online.test_localiser import CODED, PIXELS, SENSOR, check_state, feed, map_of
+from tests.streams import random_events, split_events, with_sums
 
 TABLE = Confidence(
     np.array([-5, 0, 4, 30], dtype=np.int64),
@@ -72,17 +72,6 @@ def test_events_one_by_one_give_the_matches_of_one_chunk(seed, kind, window, cod
     assert whole.size > 0
     assert matches.tobytes() == whole.tobytes()
     check_state(cut)
-
-
-@given(seed=st.integers(0, 2**32), n=st.integers(0, 300))
-def test_selected_events_are_those_at_the_pixels_of_the_table(seed, n):
-    rng = np.random.default_rng(seed)
-    events = random_events(rng, n, SENSOR, 1_000)
-    slots, times = np.empty(n, dtype=np.int32), np.empty(n, dtype=np.int64)
-    columns = events.t, events.x, events.y
-    number = selected_in_order(PIXEL_MAP.table(), *columns, 0, slots, times)
-    expected = [(PIXELS.index((x, y)), t) for t, x, y, _ in as_tuples(events) if (x, y) in PIXELS]
-    assert list(zip(slots[:number].tolist(), times[:number].tolist(), strict=True)) == expected
 
 
 @pytest.mark.parametrize("kind", ["sequence", "filter"])

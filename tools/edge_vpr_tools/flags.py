@@ -154,6 +154,25 @@ def _protocols(**_: object) -> list[str]:
     return protocol_names()
 
 
+def add_design_flags(parser: argparse.ArgumentParser, of_file: str = "") -> None:
+    """Add the flags that name the design of a device.
+
+    Parameters
+    ----------
+    of_file : str
+        What the help adds about a design that is read from a file.
+    """
+    group = parser.add_argument_group("design", "--design or --map is needed")
+    one = group.add_mutually_exclusive_group(required=True)
+    one.add_argument("--design", metavar="FILE.toml", help=f"read the design from a file{of_file}")
+    one.add_argument(
+        "--map", metavar="MAP.npz", help="take the design, the pixels and the places of a map"
+    )
+    group.add_argument(
+        "--lanes", type=int, default=8, metavar="P", help="with --map, number of parallel lanes"
+    )
+
+
 # Flags of the settings, made from their descriptions; shared by the commands map and match.
 
 
@@ -162,17 +181,14 @@ DEFAULT_PRESET: Preset = "default"
 _MATCHING_GROUP = "matching"
 
 
-def add_map_flags(
-    parser: argparse.ArgumentParser, *, fitting_window: bool = False, of_map: bool = False
-) -> None:
+def add_map_flags(parser: argparse.ArgumentParser, *, live: bool = False) -> None:
     """Add the flags of all settings.
 
     Parameters
     ----------
-    fitting_window : bool
-        Take ``--tau auto`` too, which stays the word.
-    of_map : bool
-        Matching begins with the settings of a map, if the command is given one.
+    live : bool
+        Matching begins with the settings of a map, if the command is given one; otherwise,
+        ``--tau auto`` is taken too, which stays the word.
     """
     group = parser.add_argument_group(
         "settings",
@@ -184,9 +200,8 @@ def add_map_flags(
     )
     group.add_argument("--config", metavar="FILE", help="TOML file with settings")
     for title in ("pixels", "windows", "counters", "cleaning"):
-        auto = "tau" if fitting_window else ""
-        add_setting_flags(parser.add_argument_group(title), title, auto=auto)
-    default = "the map's, or for a new one {}" if of_map else ""
+        add_setting_flags(parser.add_argument_group(title), title, auto="" if live else "tau")
+    default = "the map's, or for a new one {}" if live else ""
     add_setting_flags(parser.add_argument_group(_MATCHING_GROUP), _MATCHING_GROUP, default)
 
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 from edge_vpr.errors import UsageError
 from edge_vpr_tools.console import note, number_of, status, summary
-from edge_vpr_tools.flags import add_output_flags
+from edge_vpr_tools.flags import add_design_flags, add_output_flags
 
 if TYPE_CHECKING:
     from firmware_model import Design
@@ -24,13 +24,7 @@ EXAMPLES = """\
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add this command's arguments."""
-    design = parser.add_argument_group("design", "--design or --map is needed")
-    one = design.add_mutually_exclusive_group(required=True)
-    one.add_argument("--design", metavar="FILE.toml", help="read the design from a file")
-    one.add_argument("--map", metavar="MAP.npz", help="take the design and the places of a map")
-    design.add_argument(
-        "--lanes", type=int, default=8, metavar="P", help="with --map, number of parallel lanes"
-    )
+    add_design_flags(parser)
     vectors = parser.add_argument_group("vectors")
     vectors.add_argument(
         "--recording", metavar="QUERY",

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 from edge_vpr.errors import UsageError
 from edge_vpr_tools.console import note, status, summary
+from edge_vpr_tools.flags import add_design_flags
 
 if TYPE_CHECKING:
     from firmware_model import Design, Memories
@@ -20,18 +21,7 @@ EXAMPLES = """\
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add this command's arguments."""
-    design = parser.add_argument_group("design", "--design or --map is needed")
-    one = design.add_mutually_exclusive_group(required=True)
-    one.add_argument(
-        "--design", metavar="FILE.toml",
-        help="read the design from a file; the core then has random pixels, for tests only",
-    )  # fmt: skip
-    one.add_argument(
-        "--map", metavar="MAP.npz", help="take the design, the pixels and the places of a map"
-    )
-    design.add_argument(
-        "--lanes", type=int, default=8, metavar="P", help="with --map, number of parallel lanes"
-    )
+    add_design_flags(parser, "; the core then has random pixels, for tests only")
     parser.add_argument(
         "--vectors", metavar="SIZE", default="20MB",
         help="size of the golden vectors, about: hardware leaves out the cases with most events; "

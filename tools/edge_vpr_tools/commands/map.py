@@ -102,7 +102,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="pixels to use instead of selecting them: a file with a line x, y per pixel, or a map",
     )
     add_window_argument(add_reading_arguments(parser))
-    add_map_flags(parser, fitting_window=True)
+    add_map_flags(parser)
 
 
 def run(args: argparse.Namespace) -> None:

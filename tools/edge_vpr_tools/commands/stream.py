@@ -127,7 +127,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "-o", "--output", metavar="MAP.npz",
         help="with --learn, the map to write; stream meanwhile matches with that of --map",
     )  # fmt: skip
-    add_map_flags(parser, of_map=True)
+    add_map_flags(parser, live=True)
 
 
 def check_arguments(args: argparse.Namespace) -> None:
