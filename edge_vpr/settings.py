@@ -477,14 +477,33 @@ class Settings:
         for name, setting in SETTING_FIELDS.items():
             setting.check(getattr(self, name))
         if self.events_per_pixel is not None:
-            self._check_events_per_window()
+            events = self.events_per_window
+            if self.window == "count" and events > MOST:
+                raise UsageError(
+                    f"settings events_per_pixel = {self.events_per_pixel} and pixels = "
+                    f"{self.pixels} make windows of more than {MOST} events: choose smaller values"
+                )
+            if events < 1:
+                raise UsageError(
+                    f"setting events_per_pixel = {self.events_per_pixel} makes windows without "
+                    f"events: expected at least {1 / self.pixels:g} for {self.pixels} pixels"
+                )
         if self.window_parts > 1 and self.matching != "filter":
             raise UsageError(
                 f"setting places_per_window = {self.places_per_window} with matching = "
                 f"{self.matching}: sequences compare one place per window; set matching to filter, "
                 "or map the reference with places_per_window = 1"
             )
-        self._check_code()
+        if self.clip and self.counter_code != "none":
+            raise UsageError(
+                f"setting clip = {self.clip} with counter_code = {self.counter_code}: only one of "
+                "them can be used; set clip or counter_code to none"
+            )
+        if self.counter_code == "contrast" and self.counter_bits > CONTRAST_BITS:
+            raise UsageError(
+                f"setting counter_bits = {self.counter_bits} with counter_code = contrast: "
+                f"expected 1 to {CONTRAST_BITS} bits"
+            )
 
     @property
     def events_per_window(self) -> int:
@@ -609,30 +628,6 @@ class Settings:
     def most_counted(self) -> int | None:
         """Count at which counters saturate; None if they do not, or hold contrast codes."""
         return (1 << self.counter_bits) - 1 if self.counter_code == "linear" else self.clip
-
-    def _check_events_per_window(self) -> None:
-        if self.window == "count" and self.events_per_window > MOST:
-            raise UsageError(
-                f"settings events_per_pixel = {self.events_per_pixel} and pixels = {self.pixels} "
-                f"make windows of more than {MOST} events: choose smaller values"
-            )
-        if self.events_per_window < 1:
-            raise UsageError(
-                f"setting events_per_pixel = {self.events_per_pixel} makes windows without events: "
-                f"expected at least {1 / self.pixels:g} for {self.pixels} pixels"
-            )
-
-    def _check_code(self) -> None:
-        if self.clip and self.counter_code != "none":
-            raise UsageError(
-                f"setting clip = {self.clip} with counter_code = {self.counter_code}: only one of "
-                "them can be used; set clip or counter_code to none"
-            )
-        if self.counter_code == "contrast" and self.counter_bits > CONTRAST_BITS:
-            raise UsageError(
-                f"setting counter_bits = {self.counter_bits} with counter_code = contrast: "
-                f"expected 1 to {CONTRAST_BITS} bits"
-            )
 
     @property
     def uncoded(self) -> Settings:

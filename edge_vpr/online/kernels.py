@@ -133,7 +133,7 @@ def match_now(state, filter_table, rows, s, total, c, length, limits, over, out,
 # Checks and selection of events: time order, sensor, selected pixels.
 
 
-@kernel
+@kernel(inner=True)
 def selected_in_order(table, t, x, y, floor, slots, times):
     """Write the events at selected pixels, unless any event is out of order or off the sensor.
 
