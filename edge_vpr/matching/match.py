@@ -90,11 +90,6 @@ class Match(NamedTuple):
         """`start_us` in seconds; NaN in a heartbeat."""
         return self.start_us / 1e6 if self.time_us >= 0 else math.nan
 
-    @property
-    def incomplete(self) -> bool:
-        """Whether events are missing."""
-        return self.missing > 0
-
     def at_age(self, age_s: float, oldest_s: float, **more: Any) -> Self:
         """Return the match as it is given at an age: beyond `oldest_s`, it says nothing of now."""
         if age_s > oldest_s:

@@ -164,7 +164,7 @@ def test_the_matches_of_every_protocol_are_those_of_the_recording(
     ]
     assert [match.along_m for match in matches] == [locator.locate(each)["along_m"] for each in at]
     assert matches[-1].jumps == position.jumps > 0
-    assert not any(match.incomplete for match in matches)
+    assert not any(match.missing > 0 for match in matches)
     assert all(abs(match.host_us / 1e6 - time.time()) < 60 for match in matches)
     assert session.health.events == 40_000
     assert session.health.losses == 0
@@ -230,7 +230,7 @@ def test_a_heartbeat_comes_when_nothing_else_does(route):
     for beat in (*beats, *more):
         assert (beat.place, beat.probability, beat.lost) == (-1, 0.0, True)
         assert beat.along_m is None
-        assert beat.incomplete
+        assert beat.missing == 1
         assert beat.query == 0
     line.close()
 
@@ -296,7 +296,7 @@ def test_a_link_that_dies_and_returns_is_told_and_costs_what_was_sent_meanwhile(
     health = session.health
     assert (health.decoded, health.lost, health.reopened) == (30_000, 10_000, 1)
     assert health.describe_losses() == "10,000 events lost on the way"
-    assert any(match.incomplete for match in matches if match.place >= 0)
+    assert any(match.missing > 0 for match in matches if match.place >= 0)
 
 
 def test_a_camera_that_comes_back_under_another_name_is_told_to_the_end(route, query, any_baud):
