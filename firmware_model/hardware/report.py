@@ -18,17 +18,18 @@ from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
 
+import numpy as np
+
 from firmware_model.design import Design
 from firmware_model.errors import DesignError, ToolError
 from firmware_model.hardware import sources
 from firmware_model.hardware.parameters import BOARDS, ICEBREAKER, PACKAGE, Board, package, tables
-from firmware_model.memories import Memories
 from firmware_model.vectors import formats
-from firmware_model.vectors.case import choose_pixels
+from firmware_model.vectors.random_cases import random_memories
 from firmware_model.vectors.suite import memory_words
 
-#: designs of the documented figures
-DOCUMENTED = Design(width=346, height=260, pixels=150, places=860, length=5, lanes=8, code_bits=4)
+#: designs of the documented figures: a map that an iCE40UP5K has the memories for
+DOCUMENTED = Design(width=346, height=260, pixels=150, places=512, length=5, lanes=8, code_bits=4)
 _FILTER = replace(DOCUMENTED, matching="filter", length=1)
 _DEFAULT = replace(_FILTER, code="contrast")
 KINDS = {
@@ -96,9 +97,11 @@ def _megahertz(log: str) -> float:
 
 
 def write_tables(design: Design, folder: Path) -> None:
-    """Write the package and the tables that synthesis reads, with arbitrary pixels."""
-    blank = [[0] * design.slots] * design.places
-    words = memory_words(Memories(design, choose_pixels(design), blank))
+    """Write the package and the tables that synthesis reads, with a random map.
+
+    Synthesis would leave out bits of memories that are the same everywhere.
+    """
+    words = memory_words(random_memories(np.random.default_rng(0), design))
     (folder / f"{PACKAGE}.sv").write_text(package(design), encoding="ascii")
     for name in tables(design):
         (folder / f"{name}.mem").write_text(formats.readmemh(words[name]), encoding="ascii")
