@@ -21,7 +21,7 @@ fail() {
     exit 1
 }
 
-kernels="distances sequence"
+kernels="distances matches"
 elsewhere="board documents evpr_firmware examples firmware hardware in_debian packages publishing
     report_pages rooms security site sweep"
 # these start many processes, and qemu translates each anew
