@@ -69,6 +69,8 @@ from fixedpoint.own_mean import (
 
 #: bits of a mean number of events, but for those that change a pause alone
 _MEAN_BITS = range(ACTIVITY_FRACTION_BITS + PAUSE_SHIFT, 31)
+#: bits of a sum over the places of the largest design
+_SUM_BITS = range(55)
 _ROWS = range(len(BANK_COSTS[1]))
 #: facts of the parts of an octave in the logarithm of the mean
 LOGARITHMS = [f"logarithm_{n}{which}" for which in ("", "_below") for n in range(PARTS)]
@@ -115,7 +117,7 @@ BITS = {
         for name, what in (
             ("total", "distances"), ("deviations", "the deviations from their mean"),
         )
-        for n in range(55)
+        for n in _SUM_BITS
     },
 }  # fmt: skip
 OF_MEANS = {f"mean_bit_{n}" for n in _MEAN_BITS}
@@ -296,7 +298,8 @@ def bits_of(design: Design) -> set[str]:
         bits["late"] = range(design.timestamp_bits - 1)
     if design.filters:
         places, farthest = design.places, far(design)
-        # the division by the number of places takes the lower ones
+        # The division by the number of places takes the lower ones. The largest sums are those of
+        # all places but one far away, and of half of them, less what rounding the mean may take.
         lowest = places.bit_length()
         bits["mean"] = _MEAN_BITS
         bits["distance"] = range(farthest.bit_length())
@@ -768,7 +771,7 @@ _OTHER_FILTERS = {
     "lowest_speed_decides": _Rule(least_speed=-(1 << 10)),
     **{
         f"{name}_bit_{n}": _Rule(lacks=_Bits(**{name: 1 << n}))
-        for name in _Bits._fields for n in range(55) if f"{name}_bit_{n}" in BITS
+        for name in _Bits._fields for n in _SUM_BITS if f"{name}_bit_{n}" in BITS
     },
 }  # fmt: skip
 

@@ -81,7 +81,7 @@ def run(args: argparse.Namespace) -> None:
             summary(difference)
         raise EdgeVprError(
             f"{source}: {len(verdict.differences)} of {verdict.cases} cases differ from the "
-            f"vectors in {folder}, first {verdict.differences[0]}"
+            f"vectors in {folder}, first in {verdict.differences[0]}"
         )
     if verdict.missing and args.case is None and args.port is None:
         raise EdgeVprError(
